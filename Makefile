@@ -1,5 +1,5 @@
-# Two commands: `make demo` runs the main job on the embedded scene, `make test` passes the tests.
-# Both make .venv and install everything first. `make check` is the quick one while working.
+# `make demo` renders the built-in scene, `make test` runs the tests. Both create .venv and install
+# everything first. `make check` runs the quick tests, for use while working.
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -10,18 +10,18 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-lo
 .PHONY: help install demo pictures test test-compress verify testbenches coverage check report keep results clean
 
 help:
-	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
-	@echo "make test   install, then run all tests but those below; the demo is one"
-	@echo "make test-compress   install PyTorch as well, then run the tests of compression"
-	@echo "make testbenches   each stage under cocotb, in Verilator and in Icarus if that is installed"
-	@echo "make verify what takes minutes of compiling or synthesis each, at full size"
-	@echo "make coverage  the tests of the whole machine, and what of hdl/ they do not reach"
-	@echo "make check  lint, the rules of the house and the quick tests"
-	@echo "make pictures   the pictures in docs/, from the golden model and the results kept there"
-	@echo "make report the page of all results: those kept in docs/results, and newer ones if there are"
-	@echo "make results  measure what out/report/results lacks (hours for all scenes)"
-	@echo "make keep   write the results of out/report/results as tables into docs/results"
-	@echo "make clean  remove what the others made"
+	@echo "make demo           install, then simulate one frame of the built-in scene; pictures in out/"
+	@echo "make test           install, then run all tests except those of the next three commands"
+	@echo "make test-compress  install PyTorch too, then run the tests of compression"
+	@echo "make testbenches    run each stage under cocotb, in Verilator and, if installed, in Icarus"
+	@echo "make verify         run the tests at full size: minutes of compiling or synthesis each"
+	@echo "make coverage       run the tests of the whole machine; list conditions in hdl/ not covered"
+	@echo "make check          run lint, the rules of the repository and the quick tests"
+	@echo "make pictures       make the pictures in docs/, by the golden model and from docs/results"
+	@echo "make report         make the page of results, of docs/results and newer results in out/"
+	@echo "make results        measure the results missing in out/report/results (hours for all scenes)"
+	@echo "make keep           write the results of out/report/results as tables into docs/results"
+	@echo "make clean          remove all generated files"
 
 install: .venv/installed
 
@@ -62,12 +62,12 @@ test: install
 test-compress: .venv/compress
 	$(PYTEST) -m compress
 
-# A line for each run of a stage; for the whole of Icarus, if there is none.
+# Prints one line per run of a stage, or one line for all of Icarus if it is not installed.
 testbenches: install
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -rPsfE --show-capture=stdout tb/stages
 
-# Programs that count are compiled again and several times slower: without lists of 20,000 entries
-# and without frames of DEFAULT.
+# Programs with counters are compiled separately and are several times slower, so long lists (20,000
+# entries) and frames of DEFAULT are left out.
 coverage: install
 	rm -rf out/coverage && mkdir -p out/coverage
 	SPLATCORE_COVERAGE=$(CURDIR)/out/coverage $(PYTEST) -m "not verify" \
@@ -86,14 +86,19 @@ check: install
 	$(BIN)/ruff format --check .
 	$(PYTEST) -m "not slow and not scenes and not verify and not compress"
 
-# The report, of results measured here (`make results`, or one of them by its file's name) and, for
-# what is missing, of those kept in docs/results; RESULTS=DIR: of that folder alone. A result is
-# measured if it is missing or older than its scene files. SCENES: files, those of the folder
-# SPLATCORE_SCENES by name, and generated scenes. Default: all in that folder, without that the
-# garden at 640x360. SIZE, PRESET: WxH, and NAME or FILE. SCENE, CAMERA: the view of `power`. POINTS:
-# machines of the sweep. Not among `make results` are what takes hours: fpga-whole.json, and
-# compression/compression.json, which needs `make .venv/compress` first and is measured with few
-# steps; docs/compression.md has longer runs.
+# `make report` uses results measured here and, for missing ones, those in docs/results.
+# `make results` measures each result that is missing or older than its scene files; a file's name as
+# target measures that result alone.
+#   RESULTS=DIR        use only the results in that folder
+#   SCENES="A B …"     files, names of files in the folder SPLATCORE_SCENES, generated scenes;
+#                      default: all files in that folder, or the garden at 640x360 without it
+#   SIZE=WxH           size of images
+#   PRESET=NAME        machine, or the file of one
+#   SCENE, CAMERA      the view of `power`
+#   POINTS="A B …"     machines of the sweep
+# Two results take hours and are not part of `make results`: fpga-whole.json and
+# compression/compression.json. The latter needs `make .venv/compress` first and uses few steps;
+# docs/compression.md has longer runs.
 REPORT ?= out/report
 only := $(addprefix --results ,$(RESULTS))
 RESULTS ?= $(REPORT)/results

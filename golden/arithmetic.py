@@ -1,11 +1,12 @@
-"""Arithmetic on codes of floats, each operation rounded once: golden model of the hardware's.
+"""Golden model of the floating-point units: arithmetic on codes, each operation rounded once.
 
-Codes come in arrays of any shapes that broadcast, and go out in the format's smallest dtype.
+Inputs are arrays of codes with shapes that broadcast; results are codes in the format's smallest
+dtype.
 
-A result is computed in float64 and rounded from there, which is the exact result rounded once:
-products of significands of p bits are exact in 53 bits; sums are rounded to 53 bits first, which
-changes nothing as long as 2p + 2 ≤ 53 (Figueroa, "When is double rounding innocuous?", 1995), and
-those that fall below the smallest normal value are exact. Wider formats are refused.
+Each result is computed in float64 and rounded from there, which equals the exact result rounded
+once: products of significands of p bits are exact in 53 bits. Sums are rounded to 53 bits first,
+which changes nothing as long as 2p + 2 ≤ 53 (Figueroa, "When is double rounding innocuous?", 1995);
+sums below the smallest normal value are exact. Wider formats raise ValueError.
 """
 
 from typing import NamedTuple
@@ -18,7 +19,7 @@ FLOAT64 = 53  # bits of float64's significand
 
 
 class Parts(NamedTuple):
-    """Floats taken apart: (−1)^negative · significand · 2^(exponent − fraction), int64 [N]."""
+    """Floats as (−1)^negative · significand · 2^(exponent − fraction), int64 [N] each."""
 
     negative: np.ndarray
     exponent: np.ndarray
@@ -26,7 +27,10 @@ class Parts(NamedTuple):
 
 
 def take_apart(format: Float, codes: np.ndarray) -> Parts:
-    """An infinity is as a power of two above all numbers, a NaN as some larger number."""
+    """Split codes [N] into sign, exponent and significand.
+
+    An infinity becomes a power of two above all numbers, a NaN a larger number.
+    """
     codes = codes.astype(np.int64)
     biased = codes >> format.fraction & ((1 << format.exponent) - 1)
     fraction, hidden = codes & ((1 << format.fraction) - 1), 1 << format.fraction
@@ -36,38 +40,38 @@ def take_apart(format: Float, codes: np.ndarray) -> Parts:
 
 
 def _checked(format: Float) -> None:
-    """Raises for a format whose sums float64 would round twice."""
+    """Raise ValueError for a format whose sums float64 would round twice."""
     if 2 * (format.fraction + 1) + 2 > FLOAT64:
         raise ValueError(f"{format}: sums in float64 would be rounded twice")
 
 
 def multiply(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Codes of a · b, rounded once."""
+    """Return the codes of a · b, rounded once."""
     _checked(format)
-    with np.errstate(invalid="ignore", over="ignore"):  # ∞ · 0; past float64's end is past ours
+    with np.errstate(invalid="ignore", over="ignore"):  # ∞ · 0; float64 overflows after the format
         return format.encode(format.decode(a) * format.decode(b))
 
 
 def add(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Codes of a + b, rounded once."""
+    """Return the codes of a + b, rounded once."""
     _checked(format)
     with np.errstate(invalid="ignore"):  # ∞ − ∞
         return format.encode(format.decode(a) + format.decode(b))
 
 
 def multiply_add(format: Float, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """a · b + c, rounded after the multiplication and again after the addition."""
+    """Return the codes of a · b + c, rounded after the multiplication and after the addition."""
     return add(format, multiply(format, a, b), c)
 
 
 def compare(format: Float, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """a < b and a = b, as codes of one bit. Both are 0 if either is NaN."""
+    """Return a < b and a = b as codes of one bit; both are 0 if a or b is NaN."""
     a, b = format.decode(a), format.decode(b)
     return (a < b).astype(np.uint8), (a == b).astype(np.uint8)
 
 
 def convert(source: Float, target: Float, code: np.ndarray, scale: int = 0) -> np.ndarray:
-    """The same number, times 2^scale, in another format; NaN becomes 0 if that has none."""
+    """Return codes times 2^scale in another format; NaN becomes 0 if that format has none."""
     value = np.ldexp(source.decode(code), scale)
     if target.overflow == "saturate":
         value = np.where(np.isnan(value), 0.0, value)
@@ -75,13 +79,13 @@ def convert(source: Float, target: Float, code: np.ndarray, scale: int = 0) -> n
 
 
 def from_fixed(fixed: Fixed, format: Float, code: np.ndarray) -> np.ndarray:
-    """A fixed-point number as a float."""
+    """Return codes of a fixed-point format as codes of a float."""
     if fixed.width > FLOAT64:
         raise ValueError(f"{fixed}: decoding to float64 would round")
     return format.encode(fixed.decode(code))
 
 
 def to_fixed(format: Float, fixed: Fixed, code: np.ndarray) -> np.ndarray:
-    """A float as a fixed-point number: rounded and saturated as that does; NaN becomes 0."""
+    """Return codes of a float as fixed-point codes, rounded and saturated; NaN becomes 0."""
     value = format.decode(code)
     return fixed.encode(np.where(np.isnan(value), 0.0, value))

@@ -1,5 +1,6 @@
-"""Work on many items in batches: what numpy makes of one stays in a core's cache, and threads share
-them."""
+"""Work on many items in batches: numpy's intermediate arrays stay in a core's cache, and threads
+share the batches.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -9,11 +10,15 @@ from numba import get_num_threads
 
 Result = TypeVar("Result")
 
-BATCH = 1 << 14  # items
+BATCH = 1 << 14
+"""Items per batch."""
 
 
 def in_batches(work: Callable[[slice], Result], count: int) -> list[Result]:
-    """The results of work on items 0 … count, batch after batch; of none at least one batch."""
+    """Return the results of `work` on batches of items 0 … count − 1, in order.
+
+    work: called with a slice of items; once with an empty slice if count is 0
+    """
     batches = [slice(first, first + BATCH) for first in range(0, max(count, 1), BATCH)]
     with ThreadPoolExecutor(get_num_threads()) as pool:
         return list(pool.map(work, batches))

@@ -1,4 +1,4 @@
-"""Golden model of binning: splats to features, to entries of groups, and to lists in memory."""
+"""Golden model of binning: splats to features, to entries of groups, to lists in memory."""
 
 from dataclasses import dataclass
 
@@ -25,14 +25,18 @@ from splatcore.spec.point import splat_record
 from splatcore.spec.record import Codes
 
 PAGE_MAX = (1 << PAGE_BITS) - 1
+"""Largest number of a page."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lists:
     """The list memory of a frame.
 
-    address [B] (in bursts) and slots [B, burst] of the bursts in their order; page [G] (first one
-    of each group that has entries, else 0) and count [G] of all groups; needed: pages.
+    address: [B] bursts' addresses in list memory, in bursts, in the order of writing
+    slots: [B, burst] uint64, their entries
+    page: [G] first page of each group, 0 if its list is empty
+    count: [G] entries of each group
+    needed: pages that the lists need, even if memory has fewer
     """
 
     address: np.ndarray
@@ -46,10 +50,14 @@ class Lists:
 class Binned:
     """The result of binning a frame's splats.
 
-    kept [K]: the splats that touch a tile, in their order, numbered from 0 from here on; features
-    [K]: codes of `feature_record`; group [E] and entries [E], codes of `entry_record`, in the order
-    in which the hardware makes them; splat_rows, splat_entries [N]: tile rows that were looked at
-    and entries of each splat.
+    kept: [K] indices of the splats that touch a tile, in their order; below, a splat's number is
+        its place in this array
+    features: [K] codes of `feature_record`
+    group: [E] group of each entry, in the hardware's order
+    entries: [E] codes of `entry_record`, in the hardware's order
+    lists: the list memory
+    splat_rows: [N] tile rows visited for each splat
+    splat_entries: [N] entries of each splat
     """
 
     kept: np.ndarray
@@ -62,14 +70,16 @@ class Binned:
 
     @property
     def rows(self) -> int:
-        """Tile rows that were looked at."""
+        """Tile rows visited."""
         return int(self.splat_rows.sum())
 
 
 def bin_splats(config: Config, codes: Codes, width: int, height: int, pages: int) -> Binned:
-    """Splats [N], codes of `splat_record`, on an image of width × height pixels.
+    """Bin the splats of a frame.
 
-    pages: the size of list memory.
+    codes: [N] codes of `splat_record`
+    width, height: image size, pixels
+    pages: pages of list memory
     """
     found, rows = footprints(config, codes, width, height)
     counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
@@ -91,13 +101,13 @@ def bin_splats(config: Config, codes: Codes, width: int, height: int, pages: int
 
 
 def keys(config: Config, codes: Codes) -> np.ndarray:
-    """Depth keys [N] of splats with codes [N] of `splat_record`."""
-    low = codes.get("z_low", np.zeros_like(codes["z"]))  # where depths are no finer
+    """Return the depth keys [N] of splats, from codes [N] of `splat_record`."""
+    low = codes.get("z_low", np.zeros_like(codes["z"]))  # if depths are not finer
     return depth_keys(config, codes["z"], low)
 
 
 def features(config: Config, splats: Codes) -> Codes:
-    """Codes [K] of `feature_record` of splats with codes [K] of `splat_record`."""
+    """Return codes [K] of `feature_record`, from codes [K] of `splat_record`."""
     format, unit = config.arithmetic, config.screen_exponent
     u, v = (format.decode(splats[name]) for name in "uv")
     found = centre_codes(np.ldexp(u, unit), np.ldexp(v, unit))
@@ -117,7 +127,7 @@ def features(config: Config, splats: Codes) -> Codes:
 
 
 def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:
-    """Codes of `splat_record` of what `golden.project` gives."""
+    """Return the codes of `splat_record`, from the values of `golden.project`."""
     found = dict(values)
     for channel in CHANNELS:
         found.setdefault(channel, found.get(f"colour_{channel}"))
@@ -125,7 +135,14 @@ def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:
 
 
 def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int, pages: int):
-    """Lists of entries `slot` [E] (uint64) of groups `group` [E] in `pages` pages of memory."""
+    """Write the lists of all groups.
+
+    group: [E] group of each entry
+    slot: [E] uint64, entries as stored in memory
+    groups: number of groups
+    pages: pages of list memory
+    Returns `Lists`.
+    """
     most = len(group) // (config.burst - 1) + groups
     address, slots = np.zeros(most, np.int64), np.zeros((most, config.burst), np.uint64)
     page, count = np.zeros(groups, np.int64), np.zeros(groups, np.int64)
@@ -138,7 +155,7 @@ def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int
 
 @njit(cache=True)
 def _write(group, slot, per_page, pages, address, slots, first, count):
-    """Fill bursts, first pages and counts; returns the bursts written and the pages needed."""
+    """Fill bursts, first pages and counts; return the bursts written and the pages needed."""
     burst = slots.shape[1]
     page, position = np.zeros_like(count), np.zeros_like(count)  # of the next entry
     buffer = np.zeros((len(count), burst), np.uint64)

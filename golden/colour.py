@@ -25,10 +25,16 @@ from splatcore.spec.programs import BASIS_CONSTANTS
 from splatcore.spec.record import Record
 
 ONE = 1 << POLYNOMIAL.fraction
+"""The polynomial 1 of the base, in steps of `POLYNOMIAL`."""
 
 
 def colours(config: Config, model: PackedModel, rays: Values, index: np.ndarray) -> Values:
-    """Colours [M] of Gaussians `index` [M] seen along rays, values of `unscaled_colour_format`."""
+    """Return the colours of Gaussians, values of `unscaled_colour_format`.
+
+    rays: [M] vectors from the camera, world axes, values of `Config.arithmetic`
+    index: [M] the Gaussians
+    Returns red, green and blue [M].
+    """
     factors = polynomials(config, rays) if config.sh_degree else []
     make = from_codebooks if model.format.codebooks else from_steps
     total = make(model, factors, index)  # [M, 3]
@@ -38,12 +44,12 @@ def colours(config: Config, model: PackedModel, rays: Values, index: np.ndarray)
 
 
 def rounded(total: np.ndarray, bits: int) -> np.ndarray:
-    """Integers without their lowest bits, to the nearest, a half upwards; more if bits < 0."""
+    """Drop the lowest bits, rounded to nearest, a half upwards; shift up if bits < 0."""
     return total + (1 << bits >> 1) >> bits if bits > 0 else total << -bits
 
 
 def polynomials(config: Config, rays: Values) -> list[np.ndarray]:
-    """Of each term of `TERMS` that the machine has, the polynomials [M, k], steps of 2^−11."""
+    """Return for each of the machine's `TERMS` its polynomials [M, k] in steps of 2^−11, int64."""
     machine = replace(config, arithmetic=BASIS)
     inputs = {f"ray_{axis}": BASIS.round(rays[f"ray_{axis}"]) for axis in "xyz"}
     values = run(machine, basis(config), BASIS_CONSTANTS | inputs)
@@ -56,20 +62,23 @@ def polynomials(config: Config, rays: Values) -> list[np.ndarray]:
     return found
 
 
-def term(total: np.ndarray, sums: np.ndarray, factor, shift):
-    """Add a term's sums [M, 3] to the total; factor and shift [M] or one for all."""
+def add_term(total: np.ndarray, sums: np.ndarray, factor, shift):
+    """Add a term's sums [M, 3] to the total [M, 3].
+
+    factor, shift: [M], or one number for all
+    """
     factor, shift = (np.broadcast_to(x, len(sums))[:, None] for x in (factor, shift))
     total += (sums * factor << GAIN) >> shift
 
 
 def from_steps(model: PackedModel, factors: list[np.ndarray], index: np.ndarray) -> np.ndarray:
-    """Totals [M, 3] of Gaussians of a model in steps."""
+    """Return the totals [M, 3] of Gaussians `index` [M] of a model in steps."""
     of, exponent = index // CHUNK, np.array(model.exponents)
     s = model.chunks["step"][of].astype(np.int64)  # [M, 4]
     factor, shift = 4 - (s & 1), GAIN - exponent + (s >> 1)
     base = [BASE.decode(model.attributes[c][index]).astype(np.int64) for c in CHANNELS]
     total = np.full((len(index), 3), 1 << TOTAL_FRACTION - 1)
-    term(total, 2 * np.stack(base, axis=1) * ONE, factor[:, 0], shift[:, 0])
+    add_term(total, 2 * np.stack(base, axis=1) * ONE, factor[:, 0], shift[:, 0])
     for number, layout in enumerate(LAYOUTS):
         chosen = np.flatnonzero(model.chunks["harmonics"][of] == number)
         codes, own = model.harmonics(index[chosen], layout)
@@ -79,34 +88,34 @@ def from_steps(model: PackedModel, factors: list[np.ndarray], index: np.ndarray)
                 d, first = one.degree, one.first
                 of_term = codes[d][:, first : first + len(one.polynomials)]  # [M, k, 3]
                 sums = ((2 * of_term + layout.halves) * factors[k][chosen][:, :, None]).sum(1)
-                term(part, sums, factor[chosen, d], shift[chosen, d] + own[d])
+                add_term(part, sums, factor[chosen, d], shift[chosen, d] + own[d])
         total[chosen] = part
     return total
 
 
 def from_codebooks(model: PackedModel, factors: list[np.ndarray], index: np.ndarray) -> np.ndarray:
-    """Totals [M, 3] of Gaussians of a compact model."""
+    """Return the totals [M, 3] of Gaussians `index` [M] of a compact model."""
     total = np.zeros((len(index), 3), np.int64)
     shift = GAIN - np.array(model.exponents)
-    term(total, 2 * codebook_sums(model, "colour", index) * ONE, 4, shift[0])
+    add_term(total, 2 * codebook_sums(model, "colour", index) * ONE, 4, shift[0])
     if model.format.sh_degree:
         g = codebook_sums(model, "sh", index).reshape(-1, 3, 3)  # channel × axis
         axes = factors[0][:, None, [2, 0, 1]]  # x, y, z of y, z, x
         for part, finer in ((g & (1 << LOW) - 1, 0), (g >> LOW, LOW)):
-            term(total, (part * axes).sum(2), 4, shift[1] - 1 - finer)
+            add_term(total, (part * axes).sum(2), 4, shift[1] - 1 - finer)
     return total
 
 
 def codebook_sums(model: PackedModel, part: str, index: np.ndarray) -> np.ndarray:
-    """Sums [M, D] of the entries of all stages of the "colour" or the "sh" codebook, integers."""
+    """Return the sums [M, D] of all stages' entries of the "colour" or "sh" codebook, integers."""
     record = COLOUR_ENTRY if part == "colour" else SH_ENTRY
     stages = [name for name in model.format.codebook_words if name.startswith(part)]
     return sum(_entries(model, record, s)[model.attributes[s][index]] for s in stages)
 
 
 def _entries(model: PackedModel, record: Record, stage: str) -> np.ndarray:
-    """All entries of a stage, integers [2^bits, D]."""
-    words = model.image[model.layout.colours :]  # what is copied to the codebook memory
+    """Return all entries of a stage, integers [2^bits, D]."""
+    words = model.image[model.layout.colours :]  # the contents of the codebook memory
     start = model.format.codebook_words[stage] * CODEBOOK_WORD
     count = 1 << model.format.attribute_record[stage].width
     codes = record.unpack(words[start:][: count * record.size].reshape(count, record.size))

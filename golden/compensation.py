@@ -1,6 +1,6 @@
 """Golden model of the opacity compensation: the integers of `spec.compensation`, on arrays.
 
-Values and results are float64 [N]: of the arithmetic, of products or of `log_format`.
+Values and results are float64 [N], exact values of the arithmetic, of products or of `log_format`.
 """
 
 import numpy as np
@@ -19,17 +19,19 @@ from splatcore.spec.compensation import (
 from splatcore.spec.config import Config
 
 STEP = 2.0**-LOG_FRACTION
+"""Step of logarithms."""
 CORRECTION, SUM = np.array(CORRECTIONS) * STEP, np.array(SUMS) * STEP
+"""Tables of `spec.compensation`, as values."""
 
 
 def product(config: Config, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a·b cut off to `PRODUCT_BITS` significant bits; exact in float64 before it is cut off."""
+    """Return a·b cut off to `PRODUCT_BITS` significant bits; exact in float64 before the cut."""
     mantissa, exponent = np.frexp(a * b)
     return np.ldexp(np.trunc(np.ldexp(mantissa, PRODUCT_BITS)), exponent - PRODUCT_BITS)
 
 
 def minor(config: Config, p: np.ndarray, q: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """log2 (p − q)² − b, the least logarithm if nothing is left of the difference."""
+    """Return log2 (p − q)² − b; the lowest logarithm if the difference vanishes."""
     _, exponent = np.frexp(np.maximum(np.abs(p), np.abs(q)))
     unit = exponent - PRODUCT_BITS
     difference = np.trunc(np.ldexp(p, -unit)) - np.trunc(np.ldexp(q, -unit))
@@ -39,13 +41,13 @@ def minor(config: Config, p: np.ndarray, q: np.ndarray, b: np.ndarray) -> np.nda
 
 
 def log(config: Config, a: np.ndarray) -> np.ndarray:
-    """log2 |a|; of 0 that of 2^−bias."""
+    """Return log2 |a|; 0 counts as 2^−bias."""
     power, below = _log(np.where(a == 0, 2.0**-config.arithmetic.bias, a))
     return power + below
 
 
 def _log(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integer part and fraction of log2 of values other than 0."""
+    """Return the integer part and the fraction of log2 |values|, values ≠ 0."""
     mantissa, exponent = np.frexp(np.abs(values))
     below = 2 * mantissa - 1
     index = (below * (1 << LOG_INDEX)).astype(np.int64)
@@ -53,14 +55,14 @@ def _log(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def log_sum(config: Config, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """log2 (2^a + 2^b)."""
+    """Return log2 (2^a + 2^b)."""
     index = np.floor(np.abs(a - b) * (1 << SUM_INDEX)).astype(np.int64)
     near = index < 1 << SUM_INDEX + SUM_INTEGER
     return np.maximum(a, b) + np.where(near, SUM[np.where(near, index, 0)], 0)
 
 
 def fade(config: Config, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a − b in steps of opacity."""
+    """Return a − b in steps of opacity."""
     mantissa, exponent = np.frexp(np.minimum((a - b) / STEP * FADE.step, FADE.max))
     bits = config.arithmetic.fraction + 1
     return np.ldexp(np.trunc(np.ldexp(mantissa, bits)), exponent - bits)

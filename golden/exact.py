@@ -19,7 +19,7 @@ from splatcore.spec.scene import Gaussians
 
 
 def as_packed(gaussians: Gaussians) -> Gaussians:
-    """The Gaussians that a packed model keeps, with opacities that it can hold."""
+    """Return the Gaussians that a packed model keeps, with opacities rounded as in it."""
     codes = OPACITY.encode(-np.log2(np.clip(np.nan_to_num(gaussians.opacity), 1e-9, 1)))
     kept = np.nan_to_num(gaussians.opacity) >= ALPHA_MIN
     rounded = replace(gaussians, opacity=2.0 ** -OPACITY.decode(codes))
@@ -27,7 +27,7 @@ def as_packed(gaussians: Gaussians) -> Gaussians:
 
 
 def features_of(config: Config, splats: Splats) -> Codes:
-    """Features of splats, rounded once."""
+    """Return the features of splats [M], rounded once."""
     _, xy, yy = splats.covariance.T
     return encode(
         config, splats.centre, splats.conic[:, 0], xy / yy, 1 / yy, splats.opacity, splats.colour
@@ -35,7 +35,14 @@ def features_of(config: Config, splats: Splats) -> Codes:
 
 
 def encode(config: Config, centre, across, shear, along, opacity, colour) -> Codes:
-    """Features from float64 values in pixels; across and along as in Q."""
+    """Return codes [M] of features.
+
+    centre: [M, 2] u, v, pixels
+    across, along: [M] factors of the conic Q, per square pixel
+    shear: [M]
+    opacity: [M] 0 … 1
+    colour: [M, 3] RGB
+    """
     codes = centre_codes(*centre.T) | {"shear": SHEAR.encode(shear)}
     for name, factor in (("across", across), ("along", along)):
         codes[name] = FACTOR.encode(np.ldexp(factor * POWER_SCALE, FACTOR_SCALE))
@@ -47,7 +54,7 @@ def encode(config: Config, centre, across, shear, along, opacity, colour) -> Cod
 
 
 def entries_of(config: Config, splats: Splats, camera: Camera) -> Entries:
-    """Exact lists of groups in depth order."""
+    """Return exact lists of groups, in depth order."""
     lists = tile_lists(splats, camera, SPLATCORE)
     rows, columns = group_grid(config, camera.width, camera.height)
     lengths = np.diff(lists.start)

@@ -1,4 +1,4 @@
-"""Golden model of binning, first half: splats to the tiles that they touch, in the integers of
+"""Golden model of binning, first half: the tiles that each splat touches, in the integers of
 `spec.binning`.
 """
 
@@ -16,7 +16,7 @@ Codes = dict[str, np.ndarray]
 
 
 def fixed(format: Float, parts: Parts, power: np.ndarray, bits: int) -> tuple:
-    """⌊significand · 2^(exponent + power − fraction)⌋, and whether its bits suffice (else 0)."""
+    """Return ⌊significand · 2^(exponent + power − fraction)⌋, else 0, and whether it fits."""
     before = max(0, bits - format.fraction - 1)
     amount = format.fraction + before - parts.exponent - power
     fits = parts.exponent + power < bits
@@ -29,8 +29,14 @@ AXIS = np.dtype(
 )
 """One axis of a splat, in units of 2^(step − FINEST) pixels.
 
-vast: it reaches all of the image. half: of its width or height; limit: the last pixel's centre;
-shift: log2 of a tile's units; seen: its box and the image have something in common.
+step: doublings from the finest unit
+vast: the splat covers the whole image
+half: half of the splat's width or height
+centre: the splat's centre
+limit: the last pixel's centre
+pixel: units per pixel, 0 if the unit is larger
+shift: log2 of the units per tile
+seen: the splat's box overlaps the image
 """
 
 OUTLINE = np.dtype(
@@ -39,12 +45,21 @@ OUTLINE = np.dtype(
 )
 """A splat as `visit` takes it.
 
-box: no ellipse. between: it is between two rows of pixels. first, last: tile rows.
+x, y: its axes
+box: its outline is a box, not an ellipse
+shear, slope, lean, normalise: shear', slope', lean and k of `spec.binning`
+between: it is between two rows of pixels
+first, last: tile rows
 """
 
 
 def axis(config: Config, length: Parts, centre: Parts, size: int) -> np.ndarray:
-    """`AXIS` of splats [N], each in its own unit; size: of the image, in pixels."""
+    """Return `AXIS` of splats [N], each in its own unit.
+
+    length: [N] half of their width or height, `Config.arithmetic`
+    centre: [N] u or v, `Config.arithmetic`
+    size: width or height of the image, pixels
+    """
     format = config.arithmetic
     finest = config.screen_exponent + binning.FINEST
     found = np.zeros(len(length.exponent), AXIS)
@@ -63,16 +78,18 @@ def axis(config: Config, length: Parts, centre: Parts, size: int) -> np.ndarray:
 
 
 def factor(config: Config, parts: Parts, power: np.ndarray) -> np.ndarray:
-    """A ratio times 2^power with `FACTOR_FRACTION` bits, towards 0, at most just below 2."""
+    """Return a ratio times 2^power with `FACTOR_FRACTION` bits, towards 0, at most just below 2."""
     bits = binning.FACTOR_FRACTION + 1
     found, fits = fixed(config.arithmetic, parts, power + binning.FACTOR_FRACTION, bits)
     return np.where(fits, found, (1 << bits) - 1)
 
 
 def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarray:
-    """`OUTLINE` of splats with the codes [N] of a `splat_record`, on an image of that size.
+    """Return `OUTLINE` of splats [N].
 
-    A splat whose box is outside of the image, or that has no extent, has no rows.
+    codes: [N] codes of `splat_record`
+    width, height: image size, pixels
+    A splat outside the image, or without extent, has no rows.
     """
     part = {name: take_apart(config.arithmetic, codes[name]) for name in codes}
     square = config.tile_test == "3sigma"
@@ -83,7 +100,7 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarra
     first = np.maximum((y["centre"] - y["half"] + y["pixel"] - 1) >> y["shift"], 0)
     last = np.minimum((y["centre"] + 1 + y["half"]) >> y["shift"], (height - 1) // TILE)
     first, last = np.where(y["vast"], 0, first), np.where(y["vast"], (height - 1) // TILE, last)
-    found["between"] = first > last  # one row is looked at
+    found["between"] = first > last  # one row is visited
     found["first"] = first
     seen = x["seen"] & y["seen"]
     if config.compensates:  # an opacity below 1/255 makes the square of the extent negative
@@ -96,7 +113,7 @@ def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarra
 
 
 def add_ellipse(config: Config, part: dict[str, Parts], found: np.ndarray):
-    """Write what makes ellipses of boxes: shear', slope', lean, k."""
+    """Write the fields of `OUTLINE` for ellipses: shear, slope, lean, normalise."""
     x, y = found["x"], found["y"]
     found["normalise"] = binning.HALF_BITS - np.frexp(y["half"].astype(np.float64))[1]
     finer = y["step"] - found["normalise"] - x["step"]
@@ -111,7 +128,7 @@ def add_ellipse(config: Config, part: dict[str, Parts], found: np.ndarray):
 
 @njit(cache=True)
 def right_end(o, low, high, sign, margin, out):
-    """The right end of a band's part of an outline (sign 1), or of the mirrored outline's (−1)."""
+    """Return the right end of an outline in a band (sign 1), or of the mirrored outline (−1)."""
     if sign < 0:
         low, high = -high, -low
     if low - margin <= o.lean <= high + margin:
@@ -125,7 +142,7 @@ def right_end(o, low, high, sign, margin, out):
 
 @njit(cache=True)
 def row_columns(o, row, last_column, margin, out):
-    """First and last column of tiles of a row; the first is beyond the last if there is none."""
+    """Return the first and last tile column in a row; first > last if it has none."""
     x, y = o.x, o.y
     if o.between:
         return 1, 0
@@ -144,10 +161,10 @@ def row_columns(o, row, last_column, margin, out):
 
 @njit(cache=True)
 def visit(outlines, group, last_column, margin, out, entries):
-    """Entries [E, 3] (splat, group's row and column in one number, mask) and how many there are.
+    """Write the entries of splats; return their number.
 
-    Counts only if `entries` has no rows. outlines: of `OUTLINE`; a group's number here is
-    row · 2^16 + column.
+    outlines: [N] of `OUTLINE`
+    entries: [E, 3] splat, group as row · 2^16 + column, mask; only counts if it has no rows
     """
     count = 0
     begins, ends = np.empty(group, np.int64), np.empty(group, np.int64)
@@ -177,7 +194,7 @@ def visit(outlines, group, last_column, margin, out, entries):
 
 
 def footprints(config: Config, codes: Codes, width: int, height: int):
-    """Entries [E, 3] of splats [N] as `visit` gives them, and tile rows [N] that are looked at."""
+    """Return entries [E, 3] of splats [N] as `visit` writes them, and their tile rows [N]."""
 
     def of(batch: slice) -> np.ndarray:
         part = {name: code[batch] for name, code in codes.items()}

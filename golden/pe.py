@@ -1,6 +1,6 @@
 """The PEs of a program, compiled: products and sums of float64 values, each rounded at once.
 
-`spec.number.Float.round` says what a rounded value is; here it is found from float64's own bits.
+Rounds like `spec.number.Float.round`, but directly on float64's bits.
 """
 
 from typing import NamedTuple
@@ -10,14 +10,22 @@ from numba import njit
 
 from splatcore.spec.number import Float
 
-ABSENT = -1  # number of an operand that a step has not
+ABSENT = -1  # number of an absent operand
 PLACES = 52  # bits of float64's fraction
-ONES = 2.0**PLACES  # the sum of it and a smaller number is a whole number
+ONES = 2.0**PLACES  # its sum with a smaller number is a whole number
 
 
 class Rounding(NamedTuple):
-    """What rounding to a `Float` needs. cut: bits of float64's fraction that are dropped; unit: the
-    step of values below `lowest`; most: what those above `largest` become."""
+    """Parameters of rounding to a `Float`.
+
+    cut: bits of float64's fraction to drop
+    lowest: smallest normal value
+    unit: step of values below `lowest`
+    largest: largest finite value
+    most: result for values above `largest`
+    signed: the format has a sign
+    zero_sign: −0 keeps its sign
+    """
 
     cut: int
     lowest: float
@@ -29,7 +37,7 @@ class Rounding(NamedTuple):
 
 
 def rounding(format: Float) -> Rounding:
-    """That of a format."""
+    """Return the parameters of a format."""
     infinite = format.overflow == "infinity"
     return Rounding(
         PLACES - format.fraction, format.min_normal, format.min_subnormal, format.max,
@@ -39,7 +47,7 @@ def rounding(format: Float) -> Rounding:
 
 @njit(inline="always")
 def rounded(value, to):
-    """A float64 value as the format holds it, to the nearest, a tie to even; NaN stays."""
+    """Return a float64 value rounded to the format, to nearest, ties to even; NaN stays."""
     size = abs(value)
     bits = np.float64(size).view(np.int64)
     bits = bits + ((1 << to.cut >> 1) - 1) + (bits >> to.cut & 1) >> to.cut << to.cut
@@ -53,8 +61,12 @@ def rounded(value, to):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def evaluate(steps, values, to):
-    """Steps [S, 5] (numbers of result, a, b and c, whether the product is subtracted) on values
-    [V, N]."""
+    """Run the steps of a program.
+
+    steps: [S, 5] int64: numbers of result, a, b and c, and whether the product is subtracted
+    values: [V, N] float64, read and written
+    to: `Rounding` of the arithmetic
+    """
     for s in range(len(steps)):
         made, a, b, c, negate = steps[s]
         product = values[made]

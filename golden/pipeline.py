@@ -14,6 +14,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.renderable import check_renderable
 
 STEPS = ("projecting", "binning", "sorting", "rasterizing")
+"""Steps of `render`, in their order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +29,12 @@ class Frame:
 
     @property
     def start(self) -> np.ndarray:
-        """Where a group's entries begin [groups + 1] in `order`."""
+        """First entry [groups + 1] of each group in `order`."""
         return self.sorted.start
 
     @property
     def lists(self) -> list[np.ndarray]:
-        """The depth keys of each group's entries as they lie in its list."""
+        """Depth keys of each group's entries, in the order of its list in memory."""
         arrived = np.argsort(self.binned.group, kind="stable")
         return np.split(self.binned.entries["key"][arrived], self.start[1:-1])
 
@@ -44,7 +45,7 @@ class Frame:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The work of a frame by name."""
+        """Amounts of work of the frame, by name."""
         lengths = np.diff(self.start)
         tiles = np.bitwise_count(self.binned.entries["mask"])
         return {
@@ -64,24 +65,26 @@ def render(
     camera: Camera,
     background: tuple[int, int, int] = (0, 0, 0),
     pages: int = PAGE_MAX,
-    tell: Callable[[str], object] = str,
+    progress: Callable[[str], object] = str,
 ) -> Frame:
-    """Render one frame. background: codes of `spec.colour.colour_format`; pages: of list memory;
-    tell: called with the name of each of `STEPS` as it begins.
+    """Render one frame.
 
-    InputError for a model that the machine does not render.
+    background: codes of `spec.colour.colour_format`, red, green, blue
+    pages: pages of list memory
+    progress: called with each of `STEPS` as it begins
+    Raises InputError for a model that the machine does not render.
     """
     check_renderable(config, model)
-    tell("projecting")
+    progress("projecting")
     points = project_points(config, model, camera)
     codes = splat_codes(config, points.projected)
     size = camera.width, camera.height
-    tell("binning")
+    progress("binning")
     binned = bin_splats(config, codes, *size, pages)
-    tell("sorting")
-    order = np.lexsort((binned.entries["key"], binned.group))  # equal keys as they come
+    progress("sorting")
+    order = np.lexsort((binned.entries["key"], binned.group))  # equal keys stay in arrival order
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
     entries = Entries(start, binned.entries["splat"][order], binned.entries["mask"][order])
-    tell("rasterizing")
+    progress("rasterizing")
     raster = rasterize(config, binned.features, entries, size, background)
     return Frame(points, binned, order, entries, raster)

@@ -1,7 +1,7 @@
 """Golden model of stages 0 and 1: packed model and camera to projected Gaussians.
 
-Stage 0 skips chunks and culls points at the near plane, stage 1 places what is left (x and y, and
-the guard band) and projects it (`golden.project`).
+Stage 0 skips chunks and culls points at the near plane. Stage 1 computes x and y of the other
+points, culls them at the guard band and projects the rest (`golden.project`).
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,10 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import CORNER_STEPS, CORNERS
 
 RAY = ("ray_x", "ray_y", "ray_z")
+"""Names of the vector from the camera to a point, world axes."""
 
-SHARED = ("margin_x", "margin_y", "chunk_reach")  # values of a chunk that its points share
+SHARED = ("margin_x", "margin_y", "chunk_reach")
+"""Values of a chunk that its points share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,19 +34,19 @@ class Points:
     """A model's Gaussians after each step of stages 0 and 1, in stored order."""
 
     frame: FrameConstants
-    chunks: Values  # [C] of the chunk program
+    chunks: Values  # [C] values of the chunk program
     read: np.ndarray  # [C] chunks whose points are read
-    culled: Values  # [N] of the cull program, for the points of those chunks
-    placed: Values  # [K] of the place program, for what stage 0 kept
-    projected: Values  # [M] of the projection
-    points: np.ndarray  # [N] which Gaussians
-    front: np.ndarray  # [K] which Gaussians
-    inside: np.ndarray  # [L] which Gaussians are projected
-    index: np.ndarray  # [M] which Gaussians' splats are in front: all, if any point was culled
+    culled: Values  # [N] values of the cull program, for the points of these chunks
+    placed: Values  # [K] values of the place program, for the points that stage 0 kept
+    projected: Values  # [M] values of the projection
+    points: np.ndarray  # [N] Gaussians in `culled`
+    front: np.ndarray  # [K] Gaussians in `placed`
+    inside: np.ndarray  # [L] Gaussians that enter the projection
+    index: np.ndarray  # [M] Gaussians in `projected`: `inside`; without culling, those in front
 
 
 def project_points(config: Config, model: PackedModel, camera: Camera) -> Points:
-    """Stages 0 and 1 on a whole model."""
+    """Run stages 0 and 1 on a whole model."""
     exponents = model.value("position_exponent"), model.value("factor_exponent")
     frame = frame_constants(config, camera, *exponents, model.antialiased)
     chunks, read = chunk(config, frame, model)
@@ -58,7 +60,7 @@ def project_points(config: Config, model: PackedModel, camera: Camera) -> Points
 def _batch(
     config: Config, frame: FrameConstants, model: PackedModel, chunks: Values, points: np.ndarray
 ) -> tuple[Values | np.ndarray, ...]:
-    """From `culled` on, the fields of `Points` but `points`, of some of them."""
+    """Return the fields of `Points` from `culled` on, except `points`, for some of the points."""
     fields = rays(finer(config), frame, model, points)
     fields |= {name: chunks[name][points // CHUNK] for name in SHARED}
     culled, kept = cull(config, frame, fields)
@@ -78,7 +80,7 @@ def _batch(
 
 
 def _joined(batches: Sequence[Values]) -> Values:
-    """The values of all batches; constants are those of each."""
+    """Return the values of all batches together; constants are the same in each."""
     return {
         name: np.concatenate([values[name] for values in batches]) if np.ndim(first) else first
         for name, first in batches[0].items()
@@ -90,13 +92,13 @@ def _take(values: Values, chosen: np.ndarray) -> Values:
 
 
 def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Values, np.ndarray]:
-    """Values of the chunk program, and which chunks [C] are kept.
+    """Return the values of the chunk program, and which chunks [C] are kept.
 
-    The ways from the camera to a chunk's ends along the world axes are exact on the grid and
+    The vectors from the camera to a chunk's ends along the world axes are exact on the grid and
     rounded once, then moved apart. A chunk is skipped if the bounds of its points are behind the
-    near plane or beyond the guard band: `place` would drop every one of them. Absolute positions
-    have no extent, and no chunk is skipped; nor is any without culling, or beyond the guard band if
-    the near plane alone culls.
+    near plane or beyond the guard band: `place` would drop all of them. No chunk is skipped with
+    absolute positions, which have no extent, or without culling. With culling at the near plane
+    only, the guard band skips no chunk.
     """
     headers, round_ = model.chunks, config.arithmetic.round
     exponent = model.value("position_exponent")
@@ -120,7 +122,10 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
 
 
 def outward(format: Float, values: np.ndarray, up: int) -> np.ndarray:
-    """Values [N] `CORNER_STEPS` codes farther up or down; those at an end of the format stay."""
+    """Move values [N] by `CORNER_STEPS` codes; those at an end of the format stay.
+
+    up: 1 upwards, 0 downwards
+    """
     codes = format.encode(values).astype(np.int64)
     exponent = codes >> format.fraction & (1 << format.exponent) - 1
     steps = np.where((values >= 0) == up, CORNER_STEPS, -CORNER_STEPS)
@@ -129,10 +134,10 @@ def outward(format: Float, values: np.ndarray, up: int) -> np.ndarray:
 
 
 def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.ndarray) -> Values:
-    """Ways [M] from the camera to Gaussians `index` [M] in scene units, along the world axes.
+    """Return the vectors [M] from the camera to Gaussians, scene units, world axes.
 
-    They are exact on the grid and rounded once, so what is near the camera is precise however
-    large its chunk or the scene.
+    index: [M] the Gaussians They are exact on the grid and rounded once, so points near the camera
+    are precise, however large their chunk or the scene.
     """
     way = model.grid[index] - frame.camera  # [M, 3] grid steps
     way = np.ldexp(way.astype(np.float64), model.value("position_exponent"))
@@ -140,10 +145,11 @@ def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.nd
 
 
 def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
-    """Values of the cull program, and which points [N] are kept: z + Δz beyond the near plane.
+    """Return the values of the cull program, and which points [N] are kept: z + Δz > near plane.
 
-    Δz is the reach of the point's chunk if `Config.depth_interval`, else 0. Without culling all
-    are. Rays come as `spec.depth.finer`; they leave narrowed, and z with the bits z_low below.
+    points: rays [N] in the format `spec.depth.finer`, and the chunk's shared values Δz is the reach
+    of the point's chunk if `Config.depth_interval`, else 0. Without culling all points are kept.
+    Rays and z are returned narrowed, z with the low bits z_low.
     """
     fine = finer(config)
     values = run(fine, culling(config.depth_interval), frame.constants | points)
@@ -156,11 +162,12 @@ def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values,
 
 
 def place(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
-    """Values of the place program, and which points [M] are kept.
+    """Return the values of the place program, and which points [M] are kept.
 
-    A point leaves if its own depth is not beyond the near plane (with a depth interval stage 0 lets
-    some of those through), or if nothing of a Gaussian that reaches as far as its chunk's farthest
-    can touch the image: |x| > z·guard + margin. That is never a point too many (`spec.frame`).
+    points: z, rays and the chunk's shared values [M]
+    A point is dropped if its own depth is not beyond the near plane (with a depth interval stage 0
+    keeps some such points), or if no Gaussian with its chunk's largest reach could touch the image
+    from there: |x| > z·guard + margin. This never drops a visible point (`spec.frame`).
     `Config.culling` leaves out the second test or both.
     """
     values = run(config, program("place"), frame.constants | points)

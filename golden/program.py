@@ -1,4 +1,4 @@
-"""Golden model of the PE arrays: a microprogram on all items at once."""
+"""Golden model of the PE arrays: runs a microprogram on all items at once."""
 
 from itertools import groupby
 
@@ -14,10 +14,11 @@ Values = dict[str, np.ndarray | float]
 """Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""
 
 UNARY = {"reciprocal": reciprocal, "rsqrt": rsqrt}
+"""Unit → function on codes."""
 
 
 def run(config: Config, program: Program, inputs: Values) -> Values:
-    """Every value that the program makes, with its inputs."""
+    """Return every value that the program computes, and its inputs."""
     found = {name: inputs[name] for name in program.inputs}
     number = {name: k for k, name in enumerate((*found, *(step.name for step in program.steps)))}
     [count] = np.broadcast_shapes((1,), *map(np.shape, found.values()))
@@ -35,13 +36,13 @@ def run(config: Config, program: Program, inputs: Values) -> Values:
 
 
 def _numbered(steps: list[Step], number: dict[str, int]) -> np.ndarray:
-    """Steps as `evaluate` takes them."""
+    """Return steps in the form that `evaluate` takes."""
     absent = number | {None: ABSENT}
     return np.array([[absent[n] for n in (s.name, s.a, s.b, s.c)] + [s.negate] for s in steps])
 
 
 def _other(config: Config, unit: str, a: np.ndarray, *others: np.ndarray) -> np.ndarray:
-    """A step that no PE makes."""
+    """Return the value of a step on a unit other than a PE."""
     if unit == "clamp":
         (limit,) = others
         return np.clip(a, -limit, limit)

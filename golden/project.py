@@ -15,9 +15,11 @@ from splatcore.spec.programs import COLOURS, SLOPES
 
 
 def attributes(config: Config, model: PackedModel, index: np.ndarray) -> Values:
-    """L and −log2(opacity) of Gaussians `index` [M]: fields of the projection.
+    """Return the fields of the projection that come from attributes.
 
-    L in units of 2^factor_exponent, the attenuation in steps of `spec.memory.OPACITY`.
+    index: [M] the Gaussians
+    L [M] is in units of 2^factor_exponent, the attenuation −log2(opacity) [M] in steps of
+    `spec.memory.OPACITY`.
     """
     record, codes = model.format.attribute_record, model.attributes
     steps = codes["opacity"][index].astype(np.float64)
@@ -31,9 +33,10 @@ def attributes(config: Config, model: PackedModel, index: np.ndarray) -> Values:
 def project(
     config: Config, frame: FrameConstants, model: PackedModel, points: Values, index: np.ndarray
 ) -> Values:
-    """Values of the projection of Gaussians `index` [M].
+    """Return the values of the projection.
 
-    `points` are their camera coordinates x, y, z and their rays.
+    points: [M] camera coordinates x, y, z and rays
+    index: [M] the Gaussians
     """
     fields = frame.constants | points | attributes(config, model, index)
     machine = replace(config, antialiasing=config.compensates and model.antialiased)
@@ -44,11 +47,11 @@ def project(
 
 
 def look_up(config: Config, model: PackedModel, index: np.ndarray) -> Values:
-    """Colours, and G if the model has harmonics, of the Gaussians `index` [M] of a compact model,
-    for arrays that make colours.
+    """Return colours, and G for degree 1, of Gaussians of a compact model, if the array computes
+    colours.
 
-    Values [M] that `config.arithmetic` holds, by the names of `spec.programs`: the sums of the
-    entries, times 2^E of the header, rounded once.
+    index: [M] the Gaussians Values [M] of `config.arithmetic` by the names of `spec.programs`: sums
+    of entries times 2^E of the header, rounded once.
     """
     fields: Values = {}
     parts = (("colour", COLOURS), ("sh", SLOPES))[: model.format.sh_degree + 1]

@@ -1,7 +1,7 @@
 """Golden model of stage 3: sorted entries of groups to 8-bit pixels, all in integers.
 
-Compiled by numba, parallel over groups. Numbers are those of `spec.raster`, so nothing depends on
-the order of work but the order of a pixel's splats.
+Compiled by numba, parallel over groups. The numbers are the integers of `spec.raster`, so the
+result depends on no order of work except the order of a pixel's splats.
 """
 
 from dataclasses import dataclass
@@ -17,31 +17,46 @@ from splatcore.spec.group import group_grid
 from splatcore.spec.raster import BLOCKS, STEPS, owner
 
 WORK = ("marked", "visited", "contributing", "contributions", "ended")
-"""Counts by group and rasterizer: blocks that marking could not leave out; those of them
-with a pixel of alpha ≥ 1/255; those with one that was still live; blended pixels; ended pixels."""
+"""Counts by group and rasterizer.
+
+marked: blocks that marking could not leave out
+visited: marked blocks with a pixel of alpha ≥ 1/255
+contributing: visited blocks with such a pixel that is live and not too faint
+contributions: blended pixels
+ended: pixels that ended
+"""
 
 PAIRS = ("entries", "pairs", "far", "empty")
-"""Counts by group: entries until the group's last pixel had ended; pairs of one of them
-and a tile with live pixels; those that setup found too far away, those without a marked block."""
+"""Counts by group.
 
-AT_ONCE = 8
-"""Groups that a thread takes at a time: lists differ in length, so that halves of them do not end
-together."""
+entries: entries until the group's last pixel ended
+pairs: pairs of one of them and a tile with live pixels
+far: pairs that setup found too far away
+empty: pairs without a marked block
+"""
+
+GROUPS_PER_CHUNK = 8
+"""Groups per chunk of parallel work; small, because list lengths vary."""
 
 FAINT, ENDED, BLENDED = range(3)
-"""What a splat does to a pixel."""
+"""Outcome of blending a splat into a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """Sorted entries of groups: group g has those from start[g] to start[g + 1]."""
+    """Sorted entries of groups: group g has the entries start[g] … start[g + 1] − 1.
 
-    start: np.ndarray  # [groups + 1]
-    splat: np.ndarray  # [N]
-    mask: np.ndarray  # [N]
+    start: [groups + 1] first entry of each group
+    splat: [N] the splat's number
+    mask: [N] tiles of the group that it reaches
+    """
+
+    start: np.ndarray
+    splat: np.ndarray
+    mask: np.ndarray
 
     def of(self, groups: np.ndarray) -> "Entries":
-        """The entries of some groups, as if there were no others."""
+        """Return the entries of some groups, renumbered from 0."""
         spans = [np.arange(self.start[g], self.start[g + 1]) for g in groups]
         chosen = np.concatenate([np.zeros(0, np.int64), *spans])
         start = np.concatenate([[0], np.cumsum(np.diff(self.start)[groups])])
@@ -52,15 +67,16 @@ class Entries:
 class Raster:
     """A rasterized frame."""
 
-    pixels: np.ndarray  # [H, W, 3] uint8, or the sums before they are rounded (int64)
+    pixels: np.ndarray  # [H, W, 3] uint8, or unrounded sums (int64)
     work: np.ndarray  # [groups, rasterizers, len(WORK)] int64
     pairs: np.ndarray  # [groups, len(PAIRS)] int64
-    blocks: np.ndarray  # [tiles of all entries' masks] int64: marked ones, visited ones from bit 16
-    # on, in the order of the entries and of their tiles; −1: no pixel of the tile was live
+    # [tiles of all entries' masks] int64, in the order of the entries and their tiles: one bit per
+    # marked block, from bit 16 on one per visited block; −1: the tile had no live pixel
+    blocks: np.ndarray
 
     @property
     def counts(self) -> dict[str, int]:
-        """Sums of the work by name."""
+        """Sums of the counts, by name."""
         counts = dict(zip(PAIRS, self.pairs.sum(0).tolist(), strict=True))
         return counts | dict(zip(WORK, self.work.sum((0, 1)).tolist(), strict=True))
 
@@ -76,10 +92,11 @@ def rasterize(
 ) -> Raster:
     """Blend every group's entries, front to back.
 
-    features: codes [M] of `spec.feature.feature_record`. size: width and height, pixels.
-    background: codes of `spec.colour.colour_format`. mark_all: no block is left out, which must
-    give the same picture. rounded: False for the sums themselves, `sum_fraction` − 8 bits finer
-    than pixels.
+    features: codes [M] of `spec.feature.feature_record`
+    size: width and height, pixels
+    background: codes of `spec.colour.colour_format`, red, green, blue
+    mark_all: leave no block out, which must render the same picture
+    rounded: False for the sums themselves, `sum_fraction` − 8 bits finer than pixels
     """
     (width, height), mask = size, entries.mask.astype(np.int64)
     rows, columns = group_grid(config, width, height)
@@ -89,7 +106,7 @@ def rasterize(
     owners = np.array([owner(config, block)[0] for block in range(BLOCKS**2)])
     tiles = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
     blocks = np.full(tiles[-1], -1, np.int64)
-    with parallel_chunksize(AT_ONCE):
+    with parallel_chunksize(GROUPS_PER_CHUNK):
         _rasterize_groups(
             prepare(config, features), entries.start, entries.splat.astype(np.int64), mask,
             np.array([columns, config.group]), owners, config.exponent_fraction,
@@ -101,8 +118,9 @@ def rasterize(
 
 
 def _levels(config: Config, mark_all: bool) -> np.ndarray:
-    """For each level of a block (`spec.raster.mark_min`): T from which on it is a lower one, and
-    twice the E from which on it is marked [levels, 2]."""
+    """Return [levels, 2] for each level of a block (`spec.raster.mark_min`): the T from which on
+    its level is lower, and twice the E from which on it is marked.
+    """
     least = 2 * np.array(stage_3.mark_min(config))
     if mark_all:
         least = np.full(1, -(1 << 62))
@@ -112,7 +130,7 @@ def _levels(config: Config, mark_all: bool) -> np.ndarray:
 
 
 def _blend_constants(config: Config, rounded: bool) -> tuple[int, ...]:
-    """Constants of a machine for the loops below."""
+    """Return the constants of a machine for the loops below."""
     pixel, bits = config.pixel_fraction, config.transmittance
     from_, below, _ = config.faint or (bits, bits, 0)
     return (
@@ -131,16 +149,17 @@ def _rasterize_groups(
     splats, start, splat, mask, grid, owners, setup, blending, levels, table, background,
     pixels, work, pairs, first, blocks,
 ):  # fmt: skip
+    """Rasterize all groups; writes `pixels`, `work`, `pairs` and `blocks`."""
     columns, tiles = grid
     side = tiles * TILE
     height, width = pixels.shape[:2]
     for group in prange(len(start) - 1):
         row, column = group // columns * tiles, group % columns * tiles
-        # T, red, green, blue, whether it is live
+        # per pixel: T, red, green, blue, 1 if it is live
         state = np.zeros((side, side, 5), np.int64)
         state[:, :, 0] = (1 << blending[6]) - 1
         state[: height - row * TILE, : width - column * TILE, 4] = 1
-        live = np.zeros((side // BLOCK, side // BLOCK), np.int64)  # pixels of a block
+        live = np.zeros((side // BLOCK, side // BLOCK), np.int64)  # live pixels per block
         for y in range(side):
             for x in range(side):
                 live[y // BLOCK, x // BLOCK] += state[y, x, 4]
@@ -183,7 +202,7 @@ def _rasterize_groups(
 
 @njit(cache=True)
 def plane(coefficients, p, q):
-    """E and its slopes at (2p, 2q) from a tile's centre: at the centre of one of its blocks."""
+    """Return E and its slopes at (2p, 2q) from a tile's centre, the centre of a block."""
     e, gx, gy, cxx, cxy, cyy = coefficients
     centre = e + 2 * (gx * p + gy * q) - 4 * (cxx * p * p - cxy * p * q + cyy * q * q)
     return centre, gx - 4 * cxx * p + 2 * cxy * q, gy - 4 * cyy * q + 2 * cxy * p
@@ -191,10 +210,12 @@ def plane(coefficients, p, q):
 
 @njit(cache=True)
 def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table, owners, work):
-    """Blend a splat into a tile: area [16, 16, 5] pixels, alive and level [4, 4] live pixels and
-    level of each block.
+    """Blend a splat into a tile.
 
-    Returns which blocks were marked and visited, and how many pixels ended.
+    area: [16, 16, 5] the tile's pixels
+    alive: [4, 4] live pixels of each block
+    level: [4, 4] level of each block
+    Returns the marked and visited blocks, and the number of pixels that ended.
     """
     _, _, _, cxx, cxy, cyy = coefficients
     coarser = blending[2]
@@ -205,7 +226,7 @@ def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table
             if not alive[row, column]:
                 continue
             centre, slope_x, slope_y = plane(coefficients, p, q)
-            # E is concave: nowhere in the block is it above the plane that touches it here.
+            # E is concave: in the whole block it is below its tangent plane at the centre.
             if 2 * centre + 3 * (abs(slope_x) + abs(slope_y)) < levels[level[row, column], 1]:
                 continue
             blocks |= 1 << row * BLOCKS + column
@@ -231,8 +252,8 @@ def _blend_tile(coefficients, splat, area, alive, level, blending, levels, table
 def _blend_block(exponents, colour, block, blending, table, work):
     """Blend a splat into a block's pixels [4, 4, 5].
 
-    Returns 1 if one of them has alpha ≥ 1/255, the number of those that ended, and the largest T
-    of those that have not.
+    Returns 1 if a pixel has alpha ≥ 1/255, the number of pixels that ended, and the largest T of
+    the live pixels.
     """
     base, along_x, along_y, xx, xy, yy = exponents
     lowest = blending[1]
@@ -260,7 +281,7 @@ def _blend_block(exponents, colour, block, blending, table, work):
 
 @njit(cache=True)
 def _blend(pixel, exponent, colour, blending, table):
-    """Blend a splat with log2(alpha) < 0 into a pixel, or end it: what was done."""
+    """Blend a splat with log2(alpha) < 0 into a pixel, or end it; return the outcome."""
     finer, steps, mantissa, rest_min, narrower, product = (
         blending[3], blending[4], blending[5], blending[7], blending[8], blending[9],
     )  # fmt: skip
@@ -284,7 +305,7 @@ def _blend(pixel, exponent, colour, blending, table):
 
 @njit(cache=True)
 def _finish(pixel, background, blending, out):
-    """A pixel's colour before the background, at most 255, rounded to nearest."""
+    """Write a pixel's colour over the background, at most 255, rounded to nearest."""
     narrower, product, dropped, finer = blending[8], blending[9], blending[10], blending[11]
     weight = pixel[0] >> narrower
     for channel in range(3):

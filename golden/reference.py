@@ -1,7 +1,7 @@
-"""The float64 reference renderer: 3D Gaussian Splatting as the textbook has it, no formats.
+"""The float64 reference renderer: 3D Gaussian Splatting by its formulas, without number formats.
 
-Everything else in this project is measured against it. Scene to image in four words: `project`
-Gaussians to splats, `bin` splats to tiles (depth-ordered lists), blend them (`rasterize`), count.
+Everything else in this project is measured against it. From scene to image: `project` Gaussians to
+splats, bin splats to tiles (`tile_lists`, depth-ordered), blend them (`rasterize`), count.
 Source of the formulas: Kerbl et al. 2023 (3DGS) and Zwicker et al. 2001 (EWA splatting).
 """
 
@@ -28,7 +28,7 @@ Progress = Callable[[int, int], None]  # called with (tiles done, tiles in all)
 class Splats:
     """Gaussians projected to the image, in pixels, sorted by depth (ties by storage order)."""
 
-    index: np.ndarray  # [M] which Gaussian
+    index: np.ndarray  # [M] each splat's Gaussian
     centre: np.ndarray  # [M, 2] u, v; the centre of pixel (x, y) is at u = x, v = y
     depth: np.ndarray  # [M] camera z, scene units
     covariance: np.ndarray  # [M, 3] xx, xy, yy with the blur added, square pixels
@@ -58,10 +58,13 @@ class Splats:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A rendered frame. `counts` are those of the work tables; see `docs/json.md`."""
+    """A rendered frame.
 
-    image: np.ndarray  # [H, W, 3] RGB, not clipped
-    transmittance: np.ndarray  # [H, W] what is left of the background
+    counts: amounts of work by name, see `docs/json.md`
+    """
+
+    image: np.ndarray  # [H, W, 3] linear RGB, not clipped
+    transmittance: np.ndarray  # [H, W] weight of the background
     tile_list: np.ndarray  # [⌈H/16⌉, ⌈W/16⌉] splats in each tile's list
     counts: dict[str, int | float]
 
@@ -77,7 +80,14 @@ def render(
     convention: Convention = SPLATCORE,
     progress: Progress | None = None,
 ) -> Frame:
-    """Render one frame; Gaussians that hold NaN or Inf are left out and counted."""
+    """Render one frame; Gaussians that hold NaN or Inf are left out and counted.
+
+    gaussians: world space, scene units
+    camera: the view
+    convention: the renderer's choices
+    progress: called with the number of tiles done and of all tiles
+    Returns the image in linear RGB, float64.
+    """
     splats, counts = project(gaussians, camera, convention)
     lists = tile_lists(splats, camera, convention)
     image, transmittance, work = rasterize(
@@ -100,14 +110,20 @@ def render(
 
 
 def tile_grid(camera: Camera) -> tuple[int, int]:
-    """Rows and columns of tiles that cover the image."""
+    """Return the rows and columns of tiles that cover the image."""
     return -(-camera.height // TILE), -(-camera.width // TILE)
 
 
 def project(
     gaussians: Gaussians, camera: Camera, convention: Convention = SPLATCORE
 ) -> tuple[Splats, dict[str, int | float]]:
-    """Visible splats in depth order, and how many Gaussians went where."""
+    """Project Gaussians into splats.
+
+    gaussians: world space, scene units
+    camera: the view
+    convention: the renderer's choices
+    Returns the visible splats in depth order, and the numbers of Gaussians dropped at each step.
+    """
     finite = np.isfinite(gaussians.position).all(1) & np.isfinite(gaussians.opacity)
     finite &= np.isfinite(gaussians.factor).all((1, 2)) & np.isfinite(gaussians.sh).all((1, 2))
     index = np.flatnonzero(finite)
@@ -125,14 +141,14 @@ def project(
     depth = point[:, 2]
     centre = point[:, :2] / depth[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     centre -= convention.principal_point_shift + convention.pixel_centre
-    with np.errstate(all="ignore"):  # what overflows is counted as not finite just below
+    with np.errstate(all="ignore"):  # overflows are counted as not finite just below
         covariance, conic, compensation = covariance_and_conic(
             gaussians.factor[index], point, camera, convention
         )
     opacity = gaussians.opacity[index]
     if gaussians.antialiased:
         opacity = opacity * compensation
-    with np.errstate(divide="ignore"):  # of opacity 0, that of what has no area
+    with np.errstate(divide="ignore"):  # log of 0: compensated opacity of splats without area
         reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
     splats = Splats(index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point))
     sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
@@ -153,11 +169,15 @@ def project(
 def covariance_and_conic(
     factor: np.ndarray, point: np.ndarray, camera: Camera, convention: Convention
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """2D covariance (xx, xy, yy) [N, 3], its inverse (A, B, C) [N, 3], and the compensation [N] for
-    the blur: √(det(M·Mᵀ) / det(M·Mᵀ + blur·I)), by which `antialiased` opacities are multiplied.
+    """Return 2D covariances, their inverses, and the compensation for the blur.
+
+    factor: [N, 3, 3] world space, scene units
+    point: [N, 3] camera coordinates, scene units
+    Returns covariance [N, 3] (xx, xy, yy), conic [N, 3] (A, B, C) and compensation [N]:
+    √(det(M·Mᵀ) / det(M·Mᵀ + blur·I)), by which `antialiased` opacities are multiplied.
 
     With M = J·R·factor (2×3, J the Jacobian of the projection, R the camera's rotation) the
-    covariance is M·Mᵀ + blur·I. Its determinant is taken as |m₀ × m₁|² + blur·(|m₀|² + |m₁|²) +
+    covariance is M·Mᵀ + blur·I. Its determinant is computed as |m₀ × m₁|² + blur·(|m₀|² + |m₁|²) +
     blur² (Lagrange's identity), a sum of squares: needles lose no digits to cancellation. The
     first term is det(M·Mᵀ). Source of the compensation: Yu et al. 2024 (Mip-Splatting).
     """
@@ -183,7 +203,7 @@ def covariance_and_conic(
 def colours(
     gaussians: Gaussians, index: np.ndarray, camera: Camera, convention: Convention
 ) -> np.ndarray:
-    """RGB [M, 3] ≥ 0 of Gaussians `index` [M] as seen from the camera."""
+    """Return the RGB colours [M, 3] ≥ 0 of Gaussians `index` [M], seen from the camera."""
     sh = gaussians.sh[index]  # [M, (degree+1)², 3]
     ray = gaussians.position[index] - camera.position
     ray /= np.abs(ray).max(axis=1, keepdims=True)  # the square of a large one would overflow
@@ -193,10 +213,12 @@ def colours(
 
 
 def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
-    """Real spherical harmonics [N, (degree+1)²] up to degree 3 in unit directions [N, 3] from the
-    camera outwards, in the order and with the signs of 3DGS (Condon–Shortley phase).
+    """Return the real spherical harmonics [N, (degree+1)²], in the order and with the signs of
+    3DGS.
 
-    Source: Sloan, "Stupid Spherical Harmonics Tricks" (2008), appendix A2.
+    direction: [N, 3] unit vectors from the camera, world axes
+    degree: 0 … 3
+    Source: Sloan, "Stupid Spherical Harmonics Tricks" (2008), appendix A2 (Condon–Shortley phase).
     """
     x, y, z = direction.T
     xx, yy, zz = x * x, y * y, z * z
@@ -214,14 +236,14 @@ def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
 
 
 def pixel_boxes(splats: Splats, camera: Camera) -> np.ndarray:
-    """Inclusive pixel ranges [M, 4] x0, x1, y0, y1 of the exact footprint's bounding box."""
+    """Return inclusive pixel ranges [M, 4] x0, x1, y0, y1 of the exact footprints' boxes."""
     low = np.ceil(splats.centre - splats.extent)
     high = np.floor(splats.centre + splats.extent)
     return clip_boxes(low, high, (camera.width - 1, camera.height - 1))
 
 
 def square_boxes(splats: Splats, camera: Camera) -> np.ndarray:
-    """Inclusive tile ranges [M, 4] of the original renderer's 3σ square (its `getRect`)."""
+    """Return inclusive tile ranges [M, 4] of the original renderer's 3σ squares (`getRect`)."""
     rows, columns = tile_grid(camera)
     radius = splats.radius[:, None]
     low = np.trunc((splats.centre - radius) / TILE)
@@ -230,20 +252,20 @@ def square_boxes(splats: Splats, camera: Camera) -> np.ndarray:
 
 
 def clip_boxes(low: np.ndarray, high: np.ndarray, last: tuple[int, int]) -> np.ndarray:
-    """Inclusive ranges [M, 4] x0, x1, y0, y1 cut to 0 … last; empty ones have x1 < x0."""
+    """Return inclusive ranges [M, 4] x0, x1, y0, y1 cut to 0 … last; empty ones have x1 < x0."""
     low = np.clip(low, 0, np.add(last, 1)).astype(np.int32)
     high = np.clip(high, -1, last).astype(np.int32)
     return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
 
 
 def areas(boxes: np.ndarray) -> np.ndarray:
-    """Number of cells in inclusive ranges [M, 4]; 0 for an empty one."""
+    """Return the number of cells in inclusive ranges [M, 4]; 0 for an empty one."""
     sides = np.maximum(boxes[:, [1, 3]] - boxes[:, [0, 2]] + 1, 0)
     return sides[:, 0].astype(np.int64) * sides[:, 1]
 
 
 def tile_lists(splats: Splats, camera: Camera, convention: Convention) -> TileLists:
-    """Lists of the tiles that the convention's footprints of splats in depth order touch."""
+    """Return each tile's list of the splats whose footprint touches it; splats in depth order."""
     exact, size = convention.footprint == "exact", (camera.width, camera.height)
     boxes = pixel_boxes(splats, camera) // TILE if exact else square_boxes(splats, camera)
     return bin_splats(splats.centre, splats.conic, splats.reach, boxes, *size, exact)

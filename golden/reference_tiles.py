@@ -1,7 +1,7 @@
-"""The reference renderer's inner loops: which tiles a splat touches, and blending a tile.
+"""The reference renderer's inner loops: the tiles that a splat touches, and blending a tile.
 
-Compiled by numba, parallel over tiles; every tile is computed by one thread in a fixed order, so
-the result does not depend on the number of threads.
+Compiled by numba, parallel over tiles. One thread computes a tile in a fixed order, so the result
+does not depend on the number of threads.
 """
 
 from dataclasses import dataclass
@@ -11,19 +11,20 @@ from numba import njit, prange
 
 from splatcore.spec.convention import BLOCK, TILE
 
-SLACK = 1e-9  # relative widening of a box or a reach before the exact comparison decides
+SLACK = 1e-9
+"""Relative widening of a box or a reach before the exact comparison decides."""
 
 
 @dataclass(frozen=True, eq=False)
 class TileLists:
     """Depth-ordered splat lists of all tiles, row by row, one after the other."""
 
-    start: np.ndarray  # [tiles + 1] where a tile's list begins in `splat`
+    start: np.ndarray  # [tiles + 1] first pair of each tile in `splat`
     splat: np.ndarray  # [pairs] indices into the splats, front to back
 
 
 def bin_splats(centre, conic, reach, boxes, width, height, exact) -> TileLists:
-    """Lists of the tiles in `boxes` [M, 4], narrowed to those really reached if `exact`."""
+    """Return lists of the tiles in `boxes` [M, 4]; if `exact`, only of tiles really reached."""
     columns, rows = -(-width // TILE), -(-height // TILE)
     lengths = np.zeros(columns * rows, np.int64)
     _visit_tiles(centre, conic, reach, boxes, columns, width, height, exact, lengths, lengths[:0])
@@ -55,10 +56,10 @@ def _visit_tiles(centre, conic, reach, boxes, columns, width, height, exact, slo
 
 @njit(cache=True)
 def smallest_q(conic, x0, x1, y0, y1):
-    """Minimum of A·x² + 2·B·x·y + C·y² over the rectangle [x0, x1] × [y0, y1].
+    """Return the minimum of A·x² + 2·B·x·y + C·y² over the rectangle [x0, x1] × [y0, y1].
 
-    The form is convex with its minimum 0 at the origin, so outside of it the minimum lies on an
-    edge that faces the origin.
+    The form is convex with its minimum 0 at the origin. Outside of it, the minimum is on an edge
+    that faces the origin.
     """
     if x0 <= 0 <= x1 and y0 <= 0 <= y1:
         return 0.0
@@ -74,17 +75,18 @@ def smallest_q(conic, x0, x1, y0, y1):
 
 
 def count_rows(centre, extent, width, height) -> int:
-    """Tile rows that the splats' boxes cover, summed: what a row-interval test steps through."""
+    """Return the sum of tile rows in the splats' boxes, the steps of a row-interval test."""
     low = np.clip(np.ceil(centre[:, 1] - extent[:, 1]), 0, height) // TILE
     high = np.clip(np.floor(centre[:, 1] + extent[:, 1]), -1, height - 1) // TILE
     return int(np.maximum(high - low + 1, 0).sum())
 
 
 def rasterize(lists, splats, width, height, convention, progress=None):
-    """Blend all tiles: image [H, W, 3], transmittance [H, W] and the work done [4].
+    """Blend all tiles.
 
-    Work: pairs met before all pixels of their tile had ended, 4×4 blocks in which a live pixel
-    had alpha ≥ alpha_min, contributions, pixels that ended.
+    Returns image [H, W, 3], transmittance [H, W] and the counts of work [4]: pairs met before all
+    pixels of their tile had ended; 4×4 blocks in which a live pixel had alpha ≥ alpha_min;
+    contributions; pixels that ended.
     """
     columns, rows = -(-width // TILE), -(-height // TILE)
     image, transmittance = np.zeros((height, width, 3)), np.ones((height, width))
@@ -105,7 +107,7 @@ def rasterize(lists, splats, width, height, convention, progress=None):
 
 @njit(cache=True)
 def pixels(low, high, first, end):
-    """The integers of first … end − 1 within [low, high], any finite or infinite floats."""
+    """Return the integers of first … end − 1 within [low, high], any finite or infinite floats."""
     return range(int(max(np.ceil(low), first)), int(min(np.floor(high), end - 1)) + 1)
 
 

@@ -16,13 +16,14 @@ from splatcore.spec.raster import SLOPE
 POSITION_FRACTION, POSITION_SIGN = POSITION.fraction, 1 << POSITION.width - 1
 OPACITY_FRACTION, SLOPE_FRACTION = OPACITY.fraction, SLOPE.fraction
 TILE_STEPS, HALF_TILE = TILE << POSITION_FRACTION, (TILE - 1) << POSITION_FRACTION >> 1
-"""A tile's side, and the way from its first pixel to its centre, in steps of `POSITION`."""
+"""A tile's side, and the distance from its first pixel to its centre, in steps of `POSITION`."""
 
 
 def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
-    """Codes [N] of `feature_record` as numbers of `prepared_record`, int64 [N, fields].
+    """Prepare splats: codes [N] of `feature_record` to numbers of `prepared_record`, int64 [N,
+    fields].
 
-    Shifts are true ones here; a record has them from `SHIFT_MIN` on.
+    Shifts are true shifts here; the record holds them minus `SHIFT_MIN`.
     """
 
     def of(batch: slice) -> np.ndarray:
@@ -32,7 +33,7 @@ def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _prepared(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
-    """The same of some of them."""
+    """Prepare one batch of splats."""
     codes = {name: features[name].astype(np.int64) for name in features}
     values = {"scale": codes["scale"]}
     for name in ("u", "v"):
@@ -57,7 +58,7 @@ def _prepared(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """E's second differences [N]."""
+    """Return E's second differences [N]."""
     k, m, slope = values["k"], values["m"], values["slope"]
     coarser = raster.FACTOR_FRACTION - config.exponent_fraction
     mixed = values["across"] * slope >> raster.mixed_shift(config)
@@ -70,35 +71,37 @@ def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.nda
 
 
 def clipped(format, values: np.ndarray) -> np.ndarray:
-    """Signed integers cut to the range of a format."""
+    """Clip signed integers to the range of a format."""
     limit = 1 << (format.integer + format.fraction)
     return np.clip(values, -limit, limit - 1)
 
 
 def shifted(values: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """values · 2^−right, floor."""
+    """Return values · 2^−right, rounded down."""
     return values << np.clip(-right, 0, 40) >> np.clip(right, 0, 62)
 
 
 @njit(inline="always")
 def shift(value, right):
-    """value · 2^−right, floor."""
+    """Return value · 2^−right, rounded down."""
     return value >> right if right >= 0 else value << -right
 
 
 @njit(inline="always")
 def outside(value, integer, fraction):
-    """True if a signed number leaves its range."""
+    """Return whether a signed number leaves its range."""
     limit = 1 << (integer + fraction)
     return not -limit <= value < limit
 
 
 @njit(cache=True)
 def quadratic(splat, column, row, fraction, coefficients):
-    """E's coefficients around the tile at (column, row) of the image; False if it is too far away.
+    """Compute E's coefficients around the tile at (column, row) of the image.
 
-    splat: a row of `prepare`. fraction: `Config.exponent_fraction`. coefficients [6]: e, gx, gy,
-    cxx, cxy, cyy.
+    splat: a row of `prepare`
+    fraction: `Config.exponent_fraction`
+    coefficients: [6] written: e, gx, gy, cxx, cxy, cyy
+    Returns False if the tile is too far away.
     """
     u, v, scale, across, along, k, m, across_shift, along_shift, lean_shift, shear, slope = splat[
         :12

@@ -1,4 +1,4 @@
-"""Golden model of stage 2, sorting: the contents of each of its streams, by `spec.sort`."""
+"""Golden model of stage 2, sorting: the contents of each of its streams, as in `spec.sort`."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,9 +22,11 @@ from splatcore.spec.sort import (
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Entries that are sorted at once, as indices into their list [n].
+    """Entries that are sorted at once.
 
-    buckets: those that they come from, with how many entries of each; None for a short list.
+    order: [n] indices into their list
+    last: the last job of the list
+    buckets: for a long list, the buckets they come from, each with its number of entries
     """
 
     order: np.ndarray
@@ -34,8 +36,12 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """A round of dealing. kept: the indices that each bucket keeps, in the list's order; jobs: what
-    of it is given out."""
+    """A round of dealing.
+
+    area: area of scratch memory
+    kept: indices that each bucket keeps, in the list's order
+    jobs: jobs that the round outputs
+    """
 
     area: int
     kept: list[np.ndarray]
@@ -46,7 +52,8 @@ class Round:
 class Dealer:
     """Deals long lists, one after the other.
 
-    base, shift: how the next list's keys become buckets, at first; area: where it goes next.
+    base, shift: map the next list's keys to buckets in its first round
+    area: area of the next round
     """
 
     config: Config
@@ -58,12 +65,12 @@ class Dealer:
         self.shift = shift_max(self.config)
 
     def learn(self, keys: np.ndarray):
-        """The next list is expected to have keys like these."""
+        """Set base and shift for a list with keys like these."""
         self.base = int(keys.min())
         self.shift = bucket_shift(int(keys.max()) - self.base)
 
     def rounds(self, keys: np.ndarray) -> Iterator[Round]:
-        """The rounds of a list with these keys [n], in the order in which they arrive."""
+        """Yield the rounds of a list with keys [n] in arrival order."""
         half, keys = half_entries(self.config), keys.astype(np.int64)
         base, shift, left = self.base, self.shift, np.arange(len(keys))
         self.learn(keys)
@@ -94,7 +101,7 @@ class Dealer:
 
 
 def joined(config: Config, counts: Sequence[int]) -> Iterator[list[tuple[int, int]]]:
-    """Neighbouring buckets with entries, those of a job together: their numbers and counts."""
+    """Yield the jobs of neighbouring buckets: numbers and counts of buckets with entries."""
     some: list[tuple[int, int]] = []
     for bucket, count in enumerate(counts):
         total = sum(n for _, n in some)
@@ -110,9 +117,10 @@ def joined(config: Config, counts: Sequence[int]) -> Iterator[list[tuple[int, in
 def jobs(
     config: Config, lists: Sequence[np.ndarray], again: bool = False
 ) -> Iterator[list[Round] | Job]:
-    """What becomes of each list, keys [n] in the order in which they arrive: rounds, or a job.
+    """Yield how each list is sorted: in one job, or in rounds of buckets.
 
-    again: there was a frame with the same lists before, and nothing else since reset.
+    lists: keys [n] of each list, in arrival order
+    again: the same lists were sorted in the previous frame, and nothing else since reset
     """
     dealer, half = Dealer(config), half_entries(config)
     long = [keys for keys in lists if len(keys) > half]
@@ -126,8 +134,10 @@ def jobs(
 
 
 def lines(config: Config, found: Round) -> Iterator[tuple[int, np.ndarray]]:
-    """The lines that a round writes, whole ones as they fill up, then the others bucket by bucket:
-    address and the indices of the entries."""
+    """Yield the lines that a round writes: address, and indices of the entries.
+
+    Full lines come first, as they fill up, then the others bucket by bucket.
+    """
     size, full, rest = half_entries(config) // LINE_SLOTS, [], []
     for bucket, kept in enumerate(found.kept):
         at = (found.area << BUCKET_BITS | bucket) * size
@@ -139,8 +149,11 @@ def lines(config: Config, found: Round) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def sort(counts: np.ndarray, last: np.ndarray, entries: Codes) -> Codes:
-    """Codes of `sorted_record`: jobs of `counts` [J] entries, whose codes [N] follow each other in
-    `entries`; `last` [J]: a group ends with it.
+    """Return codes of `sorted_record`.
+
+    counts: [J] entries of each job
+    last: [J] whether the job is the last of its group
+    entries: [N] codes of `entry_record`, job after job
     """
     ends = np.cumsum(counts).astype(int)
     assert (ends[-1] if len(ends) else 0) == len(entries["key"])
@@ -151,14 +164,14 @@ def sort(counts: np.ndarray, last: np.ndarray, entries: Codes) -> Codes:
             for end, count in zip(ends, np.asarray(counts, int), strict=True)
         ]
     )
-    marks = ends[np.asarray(last, bool)]  # a mark is inserted before what follows the group
+    marks = ends[np.asarray(last, bool)]  # a mark is inserted before the next group
     given = {name: np.insert(entries[name][order], marks, 0) for name in ("splat", "mask")}
     given["end"] = np.insert(np.zeros(len(order), np.uint8), marks, 1)
     return given
 
 
 def sub_sort(batches: Sequence[np.ndarray]) -> Codes:
-    """A sub-sorter's codes of `ranked_record` for the keys [n] of each batch in arrival order."""
+    """Return codes of `ranked_record` for the keys [n] of each batch in arrival order."""
     orders = [np.argsort(keys, kind="stable") for keys in batches]
     return {
         "key": np.concatenate([keys[order] for keys, order in zip(batches, orders, strict=True)]),

@@ -1,6 +1,6 @@
 """Golden model of reciprocal and reciprocal square root: the integers of `spec.unary`, on arrays.
 
-`codes` [...] of a `Float` in, codes [...] of the same format out, in its unsigned dtype.
+Inputs are codes [...] of a `Float`, results codes [...] of the same format in its unsigned dtype.
 """
 
 import numpy as np
@@ -11,17 +11,17 @@ from splatcore.spec.unary import Datapath, Function, exponent_max
 
 
 def reciprocal(format: Float, codes: np.ndarray) -> np.ndarray:
-    """Codes [...] of 1/x for codes [...] of x."""
+    """Return codes [...] of 1/x, from codes [...] of x."""
     return _unary("reciprocal", format, codes)
 
 
 def rsqrt(format: Float, codes: np.ndarray) -> np.ndarray:
-    """Codes [...] of 1/√x for codes [...] of x."""
+    """Return codes [...] of 1/√x, from codes [...] of x."""
     return _unary("rsqrt", format, codes)
 
 
 def _unary(function: Function, format: Float, codes: np.ndarray) -> np.ndarray:
-    """Finite results as if the range had no end, then the range's ends, then what is special."""
+    """Compute results as if the range had no end, then clamp them, then set special values."""
     path = unary.datapath(function, format.fraction)
     codes = checked_codes(codes, format.width, str(format)).astype(np.int64)
     shape, codes = codes.shape, codes.ravel()
@@ -34,7 +34,7 @@ def _unary(function: Function, format: Float, codes: np.ndarray) -> np.ndarray:
 
 
 def _normalised(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fraction below the leading one, and the biased exponent that it then has."""
+    """Return the fraction below the leading one, and the biased exponent that goes with it."""
     fraction = codes & (1 << format.fraction) - 1
     biased = codes >> format.fraction & (1 << format.exponent) - 1
     if format.subnormal:
@@ -48,7 +48,7 @@ def _normalised(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _interpolated(path: Datapath, fraction: np.ndarray, parity: np.ndarray) -> np.ndarray:
-    """The sum of the three terms for the significand of a fraction and, for rsqrt, a parity."""
+    """Return the sum of the three terms for a fraction and, for rsqrt, a parity."""
     table = unary.coefficients(path)
     address = fraction >> path.rest
     if path.function == "rsqrt":
@@ -67,7 +67,7 @@ def _interpolated(path: Datapath, fraction: np.ndarray, parity: np.ndarray) -> n
 
 
 def _packed(format: Float, path: Datapath, total: np.ndarray, exponent: np.ndarray) -> np.ndarray:
-    """Codes without sign of (1 + total · 2^−(point + fraction)) · 2^exponent, rounded."""
+    """Return codes without sign of (1 + total · 2^−(point + fraction)) · 2^exponent, rounded."""
     finite = np.clip(exponent, 1, exponent_max(format) + 1)  # beyond, any code that is too large
     codes = (finite << format.fraction) + (total >> path.point)
     if format.subnormal:
@@ -86,7 +86,7 @@ def _packed(format: Float, path: Datapath, total: np.ndarray, exponent: np.ndarr
 def _with_special(
     function: Function, format: Float, codes: np.ndarray, magnitude: np.ndarray
 ) -> np.ndarray:
-    """Codes with sign: zeros, negative inputs of rsqrt, infinities and NaN put right."""
+    """Return codes with sign; set zeros, negative inputs of rsqrt, infinities and NaN."""
     saturate = format.overflow == "saturate"
     sign_bit = format.width - 1
     unsigned = codes & (1 << format.exponent + format.fraction) - 1

@@ -1,7 +1,11 @@
 """The accelerator in Amaranth, synthesizable: top module, frame control and host registers.
 
-A Gaussian's way from memory to pixel: `points` reads it and makes a splat of it, `binning` lists
-the splat for the tiles it touches, `sorting` brings lists into depth order, `raster` blends them.
+The path of a Gaussian from memory to pixel: `points` reads it and projects it to a splat, `binning`
+adds the splat to the lists of the tiles it touches, `sorting` sorts each list by depth, `raster`
+blends the splats.
+
+The docstring of a component lists its ports under `Members`: direction and contents. A port without
+a width has one bit. `Internal` lists signals and parts that proofs and tests read.
 
 May import: spec, hdl.arithmetic, hdl.binning, hdl.lib, hdl.memory, hdl.points, hdl.raster,
 hdl.sorting.

@@ -1,4 +1,4 @@
-"""Frame control: starts both halves on neighbouring frames, and recovers from errors."""
+"""Frame control: starts both halves on successive frames, and recovers from errors."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
@@ -15,28 +15,39 @@ from splatcore.spec.registers import FRAME_BITS, ErrorCode
 
 
 class Frame(wiring.Component):
-    """Starts the halves, hands a frame over from the first to the second, and cleans up.
+    """Starts the halves, passes each frame from the first half to the second, and recovers from
+    errors.
 
-    A half that fails begins nothing more on the bus; when all that it had begun there has ended, it
-    is reset, its frame is forgotten, and it is idle again. The other half goes on. A frame whose
-    rendering ends in the cycle of an error of its half is given up, in the cycle of ABORT complete.
+    A half that fails begins nothing more on the bus. When all its transfers have ended, it is
+    reset, its frame is dropped, and it is idle again. The other half continues. If rendering ends
+    in the same cycle as an error of its half, the frame is aborted; in the same cycle as ABORT, it
+    counts as complete.
 
-    Members
-        frame: the host's registers. start, abort: its commands.
-        ready, working: bits of STATUS: START is taken; each half is at work.
-        ready_event, frame_event: `ready` has come; a frame is complete.
-        error: an error of the frame or the bus, one of those in a cycle. gives_up: a bit for each
-            half: its frame is given up in this cycle by an error, told or not.
-        started, finished: frames so far.
-        begin, done, fails: each half's start, its end, its error. taken: the first
-            half's work area has been handed over.
-        area, job: their parameters.
-        read_error, write_error, stray: from the bus; `stray` fails no half. idle: nothing of a half
-            is under way there.
-        favoured: a bit for the half that took longer for the last frame: its writers come first.
-        failing: a half is to begin nothing more. reset: resets a half.
+    Members:
+        frame: in, the host's frame registers
+        start, abort: in, the host's commands
+        ready: out, bit READY of STATUS: START is accepted
+        working: out, one bit per half: the half is busy (bits of STATUS)
+        ready_event: out, `ready` has risen
+        frame_event: out, a frame is complete
+        error: out, `ERROR`, an error of a frame or of the bus, at most one per cycle
+        gives_up: out, one bit per half: an error aborts its frame in this cycle, reported or not
+        started, finished: out, 16 bits, number of frames started and finished
+        begin: out, one bit per half: the half starts
+        done: in, one bit per half: the half has finished its frame
+        taken: out, the first half's work area has been handed over
+        fails: in, `ERROR`, an error of the first half
+        area: out, `AREA`, work area of the first half, in beats
+        job: out, `job_layout`, parameters of the second half
+        read_error, write_error: in, `CLIENT_ERROR`, from the bus
+        stray: in, `STRAY`, from the bus; fails no half
+        idle: in, one bit per half: it has nothing in flight on the bus
+        favoured: out, one bit per half: it took longer for the last frame, so its writers come
+            first
+        failing: out, one bit per half: it may begin nothing more
+        reset: out, one bit per half: resets it
 
-    **Timing**: two cycles from one half to the other.
+    **Timing**: two cycles from the end of one half to the start of the other.
     """
 
     def __init__(self, config: Config):
@@ -71,7 +82,7 @@ class Frame(wiring.Component):
         super().__init__(ports)
         self.handing = Signal()
         self.second = Signal()  # the frame of the first half uses work area 1
-        self.quiet = [Signal(2, name=f"quiet{half}") for half in HALVES]  # the bus is idle so long
+        self.quiet = [Signal(2, name=f"quiet{half}") for half in HALVES]  # cycles with an idle bus
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -82,7 +93,7 @@ class Frame(wiring.Component):
                 & self.working[PREPROCESSING]
                 & ~self.working[RENDERING]
                 & ~self.failing.any()
-                & ~(faults[PREPROCESSING] | self.abort)  # in this very cycle: it is given up here
+                & ~(faults[PREPROCESSING] | self.abort)  # in this very cycle: it is aborted here
             ),
             self.ready.eq(~self.working[PREPROCESSING]),
         ]
@@ -106,7 +117,7 @@ class Frame(wiring.Component):
         return m
 
     def _half(self, m: Module, half: int, begins: Value, ends: Value, fault: Value):
-        """A half: idle, at work, or failing until the bus is quiet; then it is reset."""
+        """One half: idle, busy, or failing until the bus is quiet, when it is reset."""
         working, failing, reset = (
             getattr(self, name)[half] for name in ("working", "failing", "reset")
         )
@@ -118,7 +129,7 @@ class Frame(wiring.Component):
             m.d.sync += working.eq(0)
         with m.If(failing):
             m.d.sync += quiet.eq(Mux(self.idle[half], quiet + 1, 0))
-            with m.If(reset):  # what the half offers until then is not taken
+            with m.If(reset):  # until then the half's offers are not taken
                 m.d.sync += [failing.eq(0), working.eq(0), quiet.eq(0)]
             with m.Elif(quiet.all() & self.idle[half]):
                 m.d.sync += reset.eq(1)
@@ -126,7 +137,7 @@ class Frame(wiring.Component):
             m.d.sync += failing.eq(1)
 
     def _errors(self, m: Module) -> list[Value]:
-        """Reports one error; returns a bit for each half that says that it has one."""
+        """Report one error; return one fault bit per half."""
         faults = [self.fails.valid, Const(0, 1)]
         with m.If(self.stray.valid):
             m.d.comb += [self.error.valid.eq(1), self.error.code.eq(ErrorCode.STRAY)]
@@ -150,16 +161,16 @@ class Frame(wiring.Component):
         return faults
 
     def _favour(self, m: Module):
-        """The first half is through and waits for the second one, or it is the other way round."""
+        """Favour the half that the other one waits for."""
         waits = Signal()
         with m.If(self.handing):
-            first = Mux(self.finished.any(), 1 << PREPROCESSING, 0)  # nothing known as yet
+            first = Mux(self.finished.any(), 1 << PREPROCESSING, 0)  # nothing is known yet
             m.d.sync += [self.favoured.eq(Mux(waits, 1 << RENDERING, first)), waits.eq(0)]
         with m.Elif(self.done[PREPROCESSING] & self.working.all()):
             m.d.sync += waits.eq(1)
 
     def _areas(self, m: Module):
-        """Frames take the work areas in turn; the second half's parameters stay for its frame."""
+        """Frames use the work areas in turn; the second half's parameters are held for a frame."""
         frame, area, job, second = self.frame, self.area, self.job, self.second
         for part in ("groups", "lists", "features"):
             behind = Mux(second, frame.work_area, 0)

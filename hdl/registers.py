@@ -19,34 +19,37 @@ WORD_BITS = exact_log2(registers.WORD)
 FIRST = registers.FRAME_START // registers.WORD
 
 ERROR = data.StructLayout({"code": registers.CODE_BITS, "detail": registers.DETAIL_BITS})
-"""An error as it stands in the register ERROR, below the halves."""
+"""Layout of an error in register ERROR, below the bits of the halves."""
 
 
 class Registers(wiring.Component):
-    """Registers of the machine, read and written by the host.
+    """The machine's registers, read and written by the host.
 
-    A word is written as a whole: a write without all its strobes is refused, as is one of a frame's
-    register while that is locked, and one of what cannot be written or is no register. What is
-    refused changes nothing and is answered by SLAVE_ERROR; so is reading what is no register, which
-    gives 0. The two lowest bits of an address are ignored, and so are bits above a register's.
-    START where READY is low is answered by OKAY, begins nothing and is an error; together with
+    Words are written as a whole. A write is refused if not all strobes are set, if it is to a frame
+    register while these are locked, or if the word is read-only or no register. A refused write
+    changes nothing and is answered by SLAVE_ERROR. A read of a word that is no register returns 0
+    and SLAVE_ERROR. The two lowest address bits and bits above a register's width are ignored.
+    START while READY is low is answered by OKAY, starts nothing and is an error; together with
     ABORT it is ignored.
 
-    Members
-        s_axi: AXI4-Lite.
-        interrupt: an event of INTERRUPT that is enabled has come.
-        frame: the frame's registers (`frame_layout`); locked: they stay as they are.
-        start, abort: the command has been given; high for a cycle. READY may stay high in this
-            cycle and the next one, not longer.
-        status: the bits of STATUS.
-        ready_event, frame_event: high for a cycle: bits of INTERRUPT.
-        error: `valid` high for a cycle: code and detail go to ERROR unless there is one already.
-        gives_up: a bit for each half, which goes to ERROR whatever is there.
-        started, finished, needed, counters: values of these registers; counters by stage and name.
+    Members:
+        s_axi: in, AXI4-Lite slave
+        interrupt: out, an enabled event of INTERRUPT has occurred
+        frame: out, `frame_layout`, the frame registers
+        locked: in, the frame registers cannot be written
+        start, abort: out, the host's command, for one cycle; READY may stay high in this cycle and
+            the next one, not longer
+        status: in, the bits of STATUS
+        ready_event, frame_event: in, high for one cycle: sets the bit of INTERRUPT
+        error: in, `hdl.lib.record.ERROR`, valid for one cycle: goes to register ERROR unless that
+            holds an error
+        gives_up: in, one bit per half, set in register ERROR in any case
+        started, finished, needed: in, values of these registers
+        counters: in, counts by stage and name
 
     **Timing**: a write is done in the cycle after its address and data have come; a read is
-    answered 2 cycles after its address; one of each every 2 cycles. No path from an input of the
-    port to an output of it. No multiplier.
+    answered two cycles after its address; one write and one read every two cycles. No path from an
+    input of the port to an output of it. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -72,7 +75,7 @@ class Registers(wiring.Component):
             "counters": In(data.StructLayout(stages)),
         }
         super().__init__(ports)
-        # A write that is being done: of which word, what, if whole, and whether it is taken.
+        # The present write: accepted (`taken`), with all strobes (`whole`), its word and value.
         self.write, self.taken = Signal(), Signal()
         self.whole = Signal()
         self.word = Signal(LITE_ADDRESS_BITS - WORD_BITS, reset_less=True)
@@ -93,11 +96,11 @@ class Registers(wiring.Component):
         return m
 
     def _at(self, name: str) -> Value:
-        """High if a register is being written."""
+        """High if the named register is being written."""
         return self.taken & (self.word == self.address[name] // registers.WORD)
 
     def _take(self, m: Module) -> Value:
-        """Writes; returns a bit that says that one of a locked register is refused."""
+        """Handle writes; return whether a write of a locked register is refused."""
         s_axi = self.s_axi
         addressed, given = Signal(), Signal()
         with m.If(s_axi.awready):
@@ -124,7 +127,7 @@ class Registers(wiring.Component):
         return self.write & self.whole & of_frame & self.locked
 
     def _commands(self, m: Module) -> Value:
-        """START and ABORT; returns a bit that says that START is refused."""
+        """Decode START and ABORT; return whether START is refused."""
         start, abort, ready = Signal(), Signal(), Signal()
         control = self._at("CONTROL")
         m.d.comb += [
@@ -137,7 +140,7 @@ class Registers(wiring.Component):
         return start & ~ready
 
     def _errors(self, m: Module, start_refused: Value, lock_broken: Value):
-        """The first error, and interrupts. An error from outside goes before one of the host's."""
+        """The first error, and interrupts. `error` takes precedence over errors of the host."""
         new, valid = Signal(ERROR), Signal()
         m.d.comb += [
             valid.eq(self.error.valid | start_refused | lock_broken),
@@ -164,7 +167,7 @@ class Registers(wiring.Component):
         m.d.comb += self.interrupt.eq((self.events & self.enabled).any())
 
     def _values(self) -> dict[str, Value]:
-        """Values of registers by name, but those that never change or read as 0."""
+        """Values of registers by name, except constants and registers that read as 0."""
         values = {
             "STATUS": self.status,
             "INTERRUPT": self.events,
@@ -180,7 +183,7 @@ class Registers(wiring.Component):
         return values
 
     def _read(self, m: Module):
-        """Reads."""
+        """Handle reads."""
         s_axi, values = self.s_axi, self._values()
         asked = Signal()
         word = Signal(LITE_ADDRESS_BITS - WORD_BITS, reset_less=True)

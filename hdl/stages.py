@@ -1,4 +1,4 @@
-"""Every stage and primitive by name: what the command line writes as Verilog and synthesises."""
+"""Every stage and part by name, for Verilog output and synthesis from the command line."""
 
 from collections.abc import Callable
 
@@ -53,7 +53,7 @@ STAGES: dict[str, Build] = {
     "sort": Sort,
     "raster": Raster,
 }
-"""Those of `spec.stages`, and points: all that work on points, together."""
+"""The stages of `spec.stages`, and `points`: all stages that process points, connected."""
 
 CONTROL: dict[str, Build] = {
     "axi": Axi,
@@ -69,12 +69,12 @@ CONTROL: dict[str, Build] = {
     "features": Features,
     "pixels": Pixels,
 }
-"""Memory access and the host's side; with points, bin, sort and raster they are all of `Top`."""
+"""Memory access and host interface; `Top` consists of these and points, bin, sort and raster."""
 
 WHOLE: dict[str, tuple[Build, ...]] = {
     block: (STAGES[block],) for blocks in stages.BLOCKS.values() for block in blocks
 } | {"control": tuple(CONTROL.values())}
-"""Blocks and control: together all of the machine."""
+"""Blocks and control; together they are the whole machine."""
 
 LARGE = ("sort", "raster")  # stages that take minutes to synthesise; `PRIMITIVES` has their parts
 
@@ -98,4 +98,4 @@ PRIMITIVES: dict[str, Build] = {
     "blend": lambda config: Blend(config, raster.block_count(config)),
     "rasterizer": lambda config: Rasterizer(config, 0),
 }
-"""Parts that stages are made of, on their own."""
+"""Parts of the stages, each on its own."""

@@ -17,15 +17,15 @@ from splatcore.spec.counters import HALF, beats
 
 
 class Top(wiring.Component):
-    """Splatcore: packed models in memory to images in memory.
+    """Splatcore: renders packed models in memory to images in memory.
 
-    Members
-        s_axi: AXI4-Lite slave: the registers of `spec.registers`.
-        m_axi: AXI4 master: memory.
-        interrupt: an enabled event has happened.
+    Members:
+        s_axi: in, AXI4-Lite slave, the registers of `spec.registers`
+        m_axi: out, AXI4 master, memory
+        interrupt: out, an enabled event has occurred
 
-    **Timing**: a frame's points are made while the tiles of the one before are rendered; each half
-    takes as long as its slowest stage.
+    **Timing**: the first half preprocesses a frame while the second renders the previous one; each
+    half takes as long as its slowest stage.
     """
 
     def __init__(self, config: Config):
@@ -67,7 +67,7 @@ class Top(wiring.Component):
         return m
 
     def _connect(self, m: Module, part: Preprocess | Render, half: int):
-        """A half's readers and writers to their streams at the memory port."""
+        """Connect a half's readers and writers to their streams at the memory port."""
         readers = [k for k, of in enumerate(READERS.values()) if of == half]
         writers = [k for k, of in enumerate(WRITERS.values()) if of == half]
         for number, port in enumerate(readers):
@@ -81,7 +81,7 @@ class Top(wiring.Component):
                 m.d.comb += getattr(self.axi, name)[port].eq(getattr(part, name)[number])
 
     def _count(self, m: Module, name: str, half: int):
-        """A half's cycles and traffic."""
+        """Count a half's cycles and traffic."""
         names = tuple(HALF | beats(half))
         m.submodules[f"{name}_counters"] = counters = Counters(names)
         events = {"cycles": self.frame.working[half]}
@@ -98,7 +98,7 @@ class Top(wiring.Component):
         m.d.comb += self.registers.counters[stage].eq(counters.value)
 
     def _host(self, m: Module):
-        """Between the host's registers and the frames."""
+        """Connect the host's registers and frame control."""
         registers, frame = self.registers, self.frame
         m.d.comb += [
             frame.frame.eq(registers.frame),
@@ -119,7 +119,7 @@ class Top(wiring.Component):
             frame.write_error.eq(self.axi.write_error),
             frame.stray.eq(self.axi.stray),
         ]
-        with m.If(self.preprocess.counted):  # kept when the half fails, as for PAGES, and is reset
+        with m.If(self.preprocess.counted):  # kept when the half fails (as for PAGES) and is reset
             m.d.sync += registers.needed.eq(self.preprocess.needed)
         for part in (self.preprocess, self.render):
             for stage in part.counters.shape().members:

@@ -1,4 +1,4 @@
-"""Everything that runs the others: simulation, synthesis, measurements, the command line.
+"""Simulation, synthesis, measurements and the command line: code that runs the other packages.
 
 May import: nothing.
 """

@@ -1,14 +1,17 @@
-"""The machine's two AXI ports: who reads and writes memory, and how much at a time.
+"""The machine's two AXI ports: their clients, IDs and bursts.
 
-One AXI4 master of `Config.port` bits (INCR bursts of full beats; a splat's features are read as a
-part of a beat where the port is wider than they are) and one AXI4-Lite slave (`spec.registers`).
-Addresses inside the machine count beats of 128 bits whatever the port's width; a beat of a wider
-port is two of them, the first at an even address. A reader has the ID of its place in `READERS`, a
-writer of its place in `WRITERS`; what has one ID stays in order, and nothing relies on more.
+One AXI4 master with `Config.port` data bits, which sends INCR bursts of full beats; only a splat's
+features are read as part of a beat, if the port is wider than they are. One AXI4-Lite slave
+(`spec.registers`).
 
-With `Config.address_bits` of 64 each area of memory lies in a window of 4 GiB. Addresses inside the
-machine are those within a window, whatever `address_bits` is; the window's number goes beside them
-from the area's register to the port, and nothing is ever added to it.
+Inside the machine, addresses count beats of 128 bits, whatever the port's width. A beat of a wider
+port is two machine beats, the first at an even address. A reader's AXI ID is its index in
+`READERS`, a writer's ID its index in `WRITERS`. Transfers with one ID stay in order; the machine
+relies on no other order.
+
+With `Config.address_bits` of 64, each area of memory is within one window of 4 GiB. Addresses
+inside the machine count within the window, whatever `address_bits` is. The window's number goes
+unchanged from the area's register to the port.
 """
 
 from splatcore.spec.config import Config
@@ -16,96 +19,120 @@ from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 
 DATA_BITS = 128
+"""Bits of a beat inside the machine."""
 BEAT = DATA_BITS // 8
 """Bytes of a beat inside the machine."""
 
 BEAT_BITS = BEAT.bit_length() - 1
+"""log2 of `BEAT`."""
 
 ADDRESS_BITS = 32
-"""Width of a byte address within a window; the window's number is above it (`window_bits`)."""
+"""Width of a byte address within a window; `window_bits` more select the window."""
 
 BEAT_ADDRESS_BITS = ADDRESS_BITS - BEAT_BITS
+"""Width of an address in machine beats."""
 
 BOUNDARY = 4096
-"""Bytes: no AXI burst crosses a multiple of this."""
+"""No AXI burst crosses a multiple of this many bytes."""
 
 BURST_BEATS = 16
-"""Longest burst of a sequential reader, in the machine's beats; it ends at a multiple of so
-many."""
+"""Longest burst of a sequential reader, in machine beats; it ends at a multiple of this."""
 
 LINE_BEATS = 2
 LINE = LINE_BEATS * BEAT
-"""Bytes of a line: what is gathered before it is written."""
+"""Bytes of a line: writes are gathered into lines."""
 
 WRITE_BITS = 64
-"""Bits of a field of `write_record`'s data."""
+"""Bits of one data field of `write_record`."""
 
 LENGTH_BITS = 8
-"""Width of AXI's length, the beats of a burst less one."""
+"""Width of AXI's burst length: the number of beats minus one."""
 
 PREPROCESSING, RENDERING = 0, 1
-"""The machine's halves."""
+"""Numbers of the machine's halves, which work on two frames at once."""
 
 READERS = dict.fromkeys(("model", "positions", "attributes"), PREPROCESSING)
 READERS |= dict.fromkeys(("groups", "long_lists", "lists", "features"), RENDERING)
-"""Who reads → for which half: a model's header, codebooks and chunk headers, its positions and its
-attributes; the groups' table, lists to be dealt, lists to be sorted, features in sorted order."""
+"""Readers of memory → their half, in the order of their AXI IDs.
+
+model: the model's header, codebooks and chunk headers
+positions: the model's positions
+attributes: the model's attributes
+groups: the table of groups
+long_lists: lists to be dealt into buckets
+lists: lists to be sorted
+features: features in sorted order
+"""
 
 WRITERS = dict.fromkeys(("features", "lists", "groups"), PREPROCESSING)
 WRITERS |= dict.fromkeys(("buckets", "pixels"), RENDERING)
-"""Who writes → for which half."""
+"""Writers of memory → their half, in the order of their AXI IDs."""
 
 READ_AREAS = dict.fromkeys(("model", "positions", "attributes"), "model")
 READ_AREAS |= {"groups": "groups", "long_lists": "lists", "lists": "lists", "features": "features"}
 WRITE_AREAS = {"features": "features", "lists": "lists", "groups": "groups"}
 WRITE_AREAS |= {"buckets": "scratch", "pixels": "pixels"}
-"""Who reads and writes → the area, by the name of its address's register. The reader "lists" reads
-dealt ones in "scratch" besides."""
+"""Readers and writers → their area of memory, named like the register of its address.
+
+The reader "lists" also reads dealt lists in the area "scratch".
+"""
 
 ID_BITS = (max(len(READERS), len(WRITERS)) - 1).bit_length()
+"""Width of an AXI ID."""
 
 LITE_ADDRESS_BITS = 12
+"""Width of a byte address on the AXI4-Lite port."""
 LITE_DATA_BITS = 32
+"""Bits of a register on the AXI4-Lite port."""
 
 OKAY, SLAVE_ERROR = 0, 2
-"""Responses; what is over 1 is an error."""
+"""AXI responses; a response of 2 or 3 is an error."""
 
 
 def window_bits(config: Config) -> int:
-    """Width of a window's number, 0 where all memory is one window."""
+    """Return the width of a window's number; 0 if all memory is one window."""
     return config.address_bits - ADDRESS_BITS
 
 
 def port_beats(config: Config) -> int:
-    """Beats of the machine in one of the port's."""
+    """Return the number of machine beats in a beat of the port."""
     return config.port // DATA_BITS
 
 
 def port_bytes(config: Config) -> int:
-    """Bytes of a beat of the port."""
+    """Return the bytes of a beat of the port."""
     return config.port // 8
 
 
 def read_bytes(config: Config, reader: str) -> int:
-    """Bytes of a beat that comes back to a reader: features are read as parts of a beat."""
+    """Return the bytes per beat that a reader receives; features are parts of port beats."""
     return BEAT if reader == "features" else port_bytes(config)
 
 
 def read_record() -> Record:
-    """A burst to be read. beat: where it begins; length: the port's beats less one. narrow: it is a
-    single beat of the machine, in the part of the port's beat that its address says."""
+    """A burst to be read.
+
+    beat: address of its first machine beat
+    length: port beats minus one
+    narrow: a single machine beat, in the part of a port beat that its address selects
+    """
     fields = {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS), "narrow": Bits(1)}
     return Record("read", fields)
 
 
 def range_record(count_bits: int) -> Record:
-    """Consecutive beats of the machine to be read, at least one; the first is the port's, too."""
+    """Consecutive machine beats to be read, at least one, from the start of a port beat on."""
     return Record("range", {"beat": Bits(BEAT_ADDRESS_BITS), "count": Bits(count_bits)})
 
 
 def write_record(config: Config) -> Record:
-    """A beat of the port to be written. beat: where the burst begins, the same for all its beats,
-    as is length (its beats less one)."""
+    """A beat of the port to be written.
+
+    beat: address of the burst's first machine beat, the same in all beats of the burst
+    length: port beats of the burst minus one, the same in all beats of the burst
+    strobe: one bit per byte
+    data0 …: the data, `WRITE_BITS` in each field
+    """
     fields = {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)}
     fields |= {"strobe": Bits(port_bytes(config))}
     words = range(config.port // WRITE_BITS)

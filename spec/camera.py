@@ -8,20 +8,20 @@ from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
 SIZE_MAX = 8192
-"""Pixels along a side of a picture that any part of this project renders."""
+"""Maximum pixels per side of a picture, for every command and renderer."""
 
 SIDE_MAX = 2**31 - 1
-"""Pixels along a side of a camera, whose pictures may be smaller."""
+"""Maximum pixels per side of a camera, whose pictures may be smaller."""
 
 NEAR_LIMITS = (1e-5, 1e5)
-"""Smallest and largest `Camera.near`."""
+"""Smallest and largest `Camera.near`, scene units."""
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """Intrinsics in pixels, the world-to-camera transform and the near plane.
 
-    A world point x is seen at p = rotation @ x + translation and lands on
+    A world point x has the camera coordinates p = rotation @ x + translation and projects to
     u = fx·p.x/p.z + cx − 0.5, v likewise (pixel centres are integers).
     """
 
@@ -32,9 +32,9 @@ class Camera:
     cx: float
     cy: float
     rotation: np.ndarray  # [3, 3] world to camera
-    translation: np.ndarray  # [3] scene units
+    translation: np.ndarray  # [3] world to camera, scene units
     name: str = ""
-    near: float = NEAR_PLANE  # Gaussians whose centre depth is at most this are left out
+    near: float = NEAR_PLANE  # Gaussians with a centre depth up to this are left out
 
     def __post_init__(self):
         object.__setattr__(self, "rotation", np.asarray(self.rotation, np.float64))
@@ -61,11 +61,11 @@ class Camera:
 
     @property
     def tan_half_fov(self) -> tuple[float, float]:
-        """tan(fov/2) horizontally and vertically, as the original renderer defines it."""
+        """tan(fov/2), horizontal and vertical, as the original renderer defines it."""
         return self.width / (2 * self.fx), self.height / (2 * self.fy)
 
     def resized(self, width: int, height: int) -> "Camera":
-        """The same view with another number of pixels; intrinsics are scaled with the sides."""
+        """Return the same view with another number of pixels; intrinsics scale with the sides."""
         kx, ky = width / self.width, height / self.height
         scaled = {"fx": self.fx * kx, "fy": self.fy * ky, "cx": self.cx * kx, "cy": self.cy * ky}
         return replace(self, width=width, height=height, **scaled)
@@ -80,9 +80,14 @@ def look_at(
     down: np.ndarray = (0.0, 1.0, 0.0),
     name: str = "",
 ) -> Camera:
-    """A camera at `position` [3] that looks at `target` [3]; `down` [3] is the image's +y.
+    """Return a camera that looks from one point at another.
 
-    `focal` is in pixels. The default `down` is that of 3DGS scenes (y points down).
+    position: [3] world space, scene units
+    target: [3] world space, scene units
+    width, height: image size, pixels
+    focal: focal length of both axes, pixels
+    down: [3] direction of the image's +y; the default suits 3DGS scenes, in which y points down
+    name: name of the camera
     """
     forward = np.asarray(target, np.float64) - position
     forward = forward / np.linalg.norm(forward)

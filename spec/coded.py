@@ -1,24 +1,25 @@
-"""A packed model's coded file: what lies in memory, column by column, each column compressed.
+"""The coded file of a packed model: its memory image, compressed column by column.
 
     file header │ the model's header │ tables
 
-A model has the tables that `tables` lists, of which each row is one or more records. A column is a
-number of these records: its codes of all rows, which are alike in their high bits and often close
-to those beside them. Of a column there are
+`tables` lists the tables of a model; a row of a table is one or more records. A column holds one
+number of these records for all rows. The codes of a column agree in their high bits and are often
+close to the codes of the neighbouring columns. A column is stored as
 
     difference (one byte) │ for each byte of a code, the lowest first: size │ zstd frame
 
 and a code c of row n is stored, modulo 2^width, as
 
-    c[n] − other[n] − (c[n − 1] − other[n − 1])    other: the column `back` before it, or nothing
-                                                   the part in brackets if `previous` is set
+    c[n] − other[n] − (c[n − 1] − other[n − 1])    other: the column `back` places before it;
+                                                   0 if `back` is 0
+                                                   the part in brackets only if `previous` is set
 
-Rows of harmonics are often repeated, as scene files have palettes of them. Before the columns of
-such a table there is one more, of a distance for each row: 0 for a row that is stored, d for a
-copy of the d-th last of those that are stored up to it. Columns hold the stored rows only.
+Rows of harmonics often repeat, as scene files have palettes of them. Such a table begins with one
+more column, which holds a distance per row: 0 for a stored row, d for a copy of the row that is
+d-th from the end of the rows stored up to there. The other columns hold the stored rows only.
 
-A column of no rows is left out. All other bytes of a model, those between its parts, are zeros: a
-model of which that is not so stays uncoded, as it would not come back bit for bit.
+A column without rows is left out. All other bytes of a model, which are padding between its parts,
+are zeros: a model with other padding stays uncoded, as it could not be restored bit for bit.
 """
 
 from collections.abc import Iterator
@@ -35,24 +36,31 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.record import Array, Record, pack_bits
 
 MAGIC = int.from_bytes(b"SPLZ", "little")
+"""'SPLZ': marks a coded file."""
 VERSION = 1
+"""Version of the coded file's format."""
 
 FILE_HEADER = Record("file", {"magic": Bits(32), "version": Bits(16)})
-"""Begins a coded file; the model's header, as it lies in memory, follows."""
+"""First record of a coded file; the model's header follows, as stored in memory."""
 
 DIFFERENCE = Record("difference", {"back": Bits(7), "previous": Bits(1)})
+"""Coding of a column: `back` and `previous`, as above."""
 SIZE = Record("size", {"bytes": Bits(32)})
+"""Bytes of the zstd frame that follows."""
 
 DISTANCE = Record("distance", {"rows": Bits(32)})
-"""The column before a table with repeated rows."""
+"""First column of a table with repeated rows: its distance per row."""
 
 BACK_MAX = 3
-"""Columns that are looked back at: the same coefficient of the channel before is 1 to 3 away."""
+"""Maximum `back`: the same coefficient of the previous channel is 1 to 3 columns away."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """`count` rows of records that lie back to back; `repeats`: rows may be copies."""
+    """`count` rows of records stored back to back.
+
+    repeats: rows may be copies of others
+    """
 
     name: str
     records: tuple[Record, ...]
@@ -72,7 +80,7 @@ class Table:
         return sum(record.size for record in self.records)
 
     def columns(self, rows: np.ndarray) -> list[np.ndarray]:
-        """Codes [N] of each column of rows, uint8 [N, size]."""
+        """Return the codes [N] of each column, from rows uint8 [N, size]."""
         found, start = [], 0
         for record in self.records:
             part = np.ascontiguousarray(rows[:, start : start + record.size])
@@ -82,7 +90,7 @@ class Table:
         return found
 
     def rows(self, columns: list[np.ndarray]) -> np.ndarray:
-        """The inverse of `columns`."""
+        """Invert `columns`."""
         parts, rest = [], iter(columns)
         for record in self.records:
             codes = {}
@@ -95,12 +103,16 @@ class Table:
 
 
 def chunk_table(header: ModelHeader) -> Table:
-    """The first table, which says how many rows the others have."""
+    """Return the first table, the chunk headers; they determine the other tables' rows."""
     return Table("chunks", (CHUNK_HEADER,), chunk_count(len(header)))
 
 
 def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
-    """The tables behind the first, with layouts [C] of chunks."""
+    """List the tables after the chunk headers.
+
+    header: the model's header
+    harmonics: [C] layout of each chunk's harmonics, an index into `LAYOUTS`
+    """
     format, of = header.format, _layout_numbers(header, harmonics)
     found = [
         Table("positions", (format.position_record,), len(header)),
@@ -118,12 +130,12 @@ def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
 
 
 def _layout_numbers(header: ModelHeader, harmonics: np.ndarray) -> np.ndarray:
-    """Layout [N] of each Gaussian's harmonics."""
+    """Return the layout [N] of each Gaussian's harmonics."""
     return np.repeat(harmonics, CHUNK)[: len(header)]
 
 
 def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
-    """All tables of a model with their rows, uint8 [N, size]."""
+    """Yield all tables of a model with their rows, uint8 [N, size]."""
     harmonics, layout = model.chunks["harmonics"], model.layout
     first, *others = (chunk_table(model), *tables(model, harmonics))
     yield first, _part(model.image, layout.chunks, first)
@@ -140,7 +152,7 @@ def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
 
 
 def _with_beats() -> list[int]:
-    """Numbers of the layouts with beats of harmonics."""
+    """Return the numbers of the layouts with beats of harmonics."""
     return [number for number, layout in enumerate(LAYOUTS) if layout.beats]
 
 
@@ -149,10 +161,16 @@ def _part(image: np.ndarray, start: int, table: Table) -> np.ndarray:
 
 
 def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray]) -> np.ndarray:
-    """The image of a model with that header, layouts [C] of chunks and rows of all tables."""
+    """Build the image of a model.
+
+    header: the model's header
+    harmonics: [C] layout of each chunk's harmonics, an index into `LAYOUTS`
+    rows: rows of all tables, uint8 [N, size] each
+    Returns uint8 [bytes].
+    """
     of = _layout_numbers(header, harmonics)
     size = np.array([layout.beats for layout in LAYOUTS])[of]
-    beats = np.cumsum(1 + size) - 1 - size  # [N] the first beat of each Gaussian
+    beats = np.cumsum(1 + size) - 1 - size  # [N] first beat of each Gaussian
     layout = header.layout_of(int(size.sum()))
     image = np.zeros(layout.end, np.uint8)
 
@@ -183,7 +201,7 @@ def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray])
 def difference(
     columns: list[np.ndarray], number: int, width: int, back: int, previous: int
 ) -> np.ndarray:
-    """Codes [N] of a column as they are stored."""
+    """Return the codes [N] of column `number` as they are stored."""
     codes, mask = columns[number], columns[number].dtype.type((1 << width) - 1)
     if back:
         codes = codes - columns[number - back]
@@ -195,7 +213,7 @@ def difference(
 def summed(
     stored: np.ndarray, columns: list[np.ndarray], width: int, back: int, previous: int
 ) -> np.ndarray:
-    """The inverse of `difference`, with the columns before it."""
+    """Invert `difference`; columns: the columns before this one."""
     dtype = code_dtype(width)
     codes = stored.astype(dtype)
     if previous:
@@ -206,7 +224,7 @@ def summed(
 
 
 def distances(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The distance [N] of each row, uint8 [N, size], and the rows that are stored."""
+    """Return the distance [N] of each row, uint8 [N, size], and the rows to be stored."""
     whole = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.shape[1]))).reshape(-1)
     _, first, which = np.unique(whole, return_index=True, return_inverse=True)
     stored = np.zeros(len(rows), bool)
@@ -217,7 +235,7 @@ def distances(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def places(distance: np.ndarray) -> np.ndarray | None:
-    """For each row [N] its place among the stored ones; None if there is none."""
+    """Return each row's place [N] among the stored rows; None if a distance is impossible."""
     so_far = np.cumsum(distance == 0)
     place = so_far - np.maximum(distance.astype(np.int64), 1)
     return place if (place >= 0).all() else None

@@ -1,9 +1,9 @@
 """`Config`: every size and number format of one machine, and the presets.
 
-A sized hardware module takes a `Config` as its only constructor argument; golden models, packing
-and reports take the same object. Whatever can be computed from other fields is a property here or a
-function of `spec.memory`, never a second field. What belongs to a field (its limits, values to try)
-is its metadata.
+A hardware module with sizes takes a `Config` as its only constructor argument; golden models,
+packing and reports take the same object. A quantity that follows from other fields is a property
+here or a function of `spec.memory`, never a second field. The metadata of a field holds its limits
+and the values to try.
 """
 
 from dataclasses import dataclass, field, fields
@@ -14,16 +14,22 @@ from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16, FP24, Float
 
 KB = 1024
+"""Bytes per kilobyte."""
 MEMORY_MAX = 120 * KB
-"""Bytes of on-chip memory that the paper's design has: the bound for ours."""
+"""Bytes of on-chip memory in the paper's design: the upper bound for this one."""
 
 CLOCK_HZ = 800_000_000
-"""The clock of the paper's design; frames per second are quoted at it."""
+"""Clock frequency of the paper's design; frames per second are given for it."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Least and largest value of a size; power: powers of two only."""
+    """Limits of a size.
+
+    low: smallest value
+    high: largest value, if limited
+    power: only powers of two are allowed
+    """
 
     low: int
     high: int | None = None
@@ -32,13 +38,15 @@ class Size:
 
 @dataclass(frozen=True)
 class Format:
-    """A number format of stage 3, of so many bits.
+    """Number of bits of one number of stage 3.
 
-    limits: fewest and most bits with which it is built. tried: values beside DEFAULT's for a sweep;
-    coarse, fine: those of machines all of whose formats are narrower, or wider. parts: of the
-    hardware that take more gates with each bit. bounds, beyond: fields whose bits together are the
-    most that it may have, and so many more. in_features: splats in memory have it, too. in_work:
-    pixels end later or sooner with it.
+    limits: minimum and maximum number of bits with which it is built
+    tried: values that a sweep tries in addition to DEFAULT's
+    coarse, fine: values of a machine with all formats narrower, or all wider
+    parts: parts of the hardware that grow with each bit
+    bounds: the width may not exceed the sum of these fields, plus `beyond`
+    in_features: also the width of the stored feature
+    in_work: changes when pixels terminate
     """
 
     limits: tuple[int, int]
@@ -53,12 +61,12 @@ class Format:
 
 
 def size(default: int, low: int, high: int | None = None, power: bool = False) -> Any:
-    """A field that has a `Size`."""
+    """Declare a field with a `Size`."""
     return field(default=default, metadata={"about": Size(low, high, power)})
 
 
 def bits(default: int, **about) -> Any:
-    """A field that has a `Format`, of these values."""
+    """Declare a field with a `Format`; about: the fields of `Format`."""
     return field(default=default, metadata={"about": Format(**about)})
 
 
@@ -68,98 +76,102 @@ class Config:
 
     name: str = "DEFAULT"
 
-    # The image (pixels). Others fit if they have no more groups of tiles (`spec.binning`).
+    # Size of the image, pixels. Other shapes with at most as many groups of tiles also fit
+    # (`spec.binning.fits`).
     width_max: int = size(1920, 1, 4096)
     height_max: int = size(1080, 1, 4096)
 
-    # The packed model. `sh_degree` is the highest that the machine evaluates: in small integers
-    # beside the projection's array (`spec.colour`), or degree 1 of compact models in the array.
-    # Index bits are those of each codebook stage, for compact models of degree 0 and 1 in turn.
-    sh_degree: int = size(3, 0, 3)
+    # The packed model (`spec.memory`).
+    sh_degree: int = size(3, 0, 3)  # highest degree of spherical harmonics that is evaluated
+    # "beside": colours have integer units of their own, next to the projection's array
+    # (`spec.colour`). "array": the array computes them in floats, up to degree 1.
     colours: Literal["beside", "array"] = "beside"
+    # "chunk": positions are integers relative to their chunk's origin. "absolute": FP16 floats.
     position: Literal["chunk", "absolute"] = "chunk"
+    # Index bits of each stage of the colour codebook and of the SH codebook, for compact models
+    # of degree 0 and degree 1.
     colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
     sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
-    small_models: bool = True  # reads those with half a beat of attributes, too (`spec.small`)
+    small_models: bool = True  # also renders models with half a beat of attributes (`spec.small`)
 
     # Stages 0 and 1: cull and project.
-    arithmetic: Float = FP24
-    depth: Float = Float(7, 20, signed=False, subnormal=False)  # `spec.depth` says what has it
-    screen_exponent: int = 0  # stages 0 and 1 measure the screen in units of 2^this pixels
-    screen_fraction: int = 5  # bits of a screen coordinate below one pixel
-    pe_arrays: int = size(1, 1, 4)
-    pes: int = size(9, 1, 12)
+    arithmetic: Float = FP24  # all numbers except depths
+    depth: Float = Float(7, 20, signed=False, subnormal=False)  # depths and keys (`spec.depth`)
+    screen_exponent: int = 0  # unit of length on the screen: 2^screen_exponent pixels
+    screen_fraction: int = 5  # not used: `spec.feature.POSITION` is the format of centres
+    pe_arrays: int = size(1, 1, 4)  # multiplies `pes`
+    pes: int = size(9, 1, 12)  # processing elements of the projection's array
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
-    culling: Literal["none", "near", "all"] = "all"  # at the near plane; and at the guard band
+    # Culling before the projection. "near": at the near plane. "all": also at the guard band.
+    culling: Literal["none", "near", "all"] = "all"
     skip_zeros: bool = True  # leave out the products with zeros of the Jacobian
     antialiasing: bool = True  # see `compensates`
-    multiply_latency: int = 2  # clock cycles of the units of stages 0 and 1
-    add_latency: int = 3
-    unary_latency: int = 4  # reciprocal and reciprocal root
-    # Points that wait for their attributes or are being projected.
+    multiply_latency: int = 2  # clock cycles of a multiplication
+    add_latency: int = 3  # clock cycles of an addition
+    unary_latency: int = 4  # clock cycles of a reciprocal or reciprocal square root
+    # Points in flight from the request of their attributes to the end of their projection.
     projection_slots: int = size(64, 8, power=True)
 
     # Binning: tiles of a splat, entries of groups of tiles, lists in memory.
+    # "exact": the tiles with alpha ≥ 1/255. "3sigma": the tiles of the original renderer's square.
     tile_test: Literal["exact", "3sigma"] = "exact"
-    group: int = size(4, 1, 4, power=True)  # tiles along the side of a group
-    burst: int = size(4, 2, 16, power=True)  # list entries written at a time
-    page: int = size(128, 4, power=True)  # list entries for which memory is taken at a time
+    group: int = size(4, 1, 4, power=True)  # tiles per side of a group
+    burst: int = size(4, 2, 16, power=True)  # list entries per write
+    page: int = size(128, 4, power=True)  # list entries per page, the unit of allocation
 
-    # Bits of a beat of the memory port, and of an address.
-    port: int = size(256, 128, 256, power=True)
-    address_bits: int = size(32, 32, 64, power=True)
+    # The memory port.
+    port: int = size(256, 128, 256, power=True)  # bits per beat
+    address_bits: int = size(32, 32, 64, power=True)  # bits of a byte address
 
     # Stage 2: sort. Runs of `sub_sorter_entries` are sorted, then merged, `merge_ways` at a time.
-    # By OR-trees over all entries, digit by digit, or by a cascade of merges.
+    # "trees": OR-trees over all entries, digit by digit. "cascade": a cascade of merges.
     sub_sorter: Literal["trees", "cascade"] = "cascade"
-    sub_sorters: int = size(1, 1, 16)
-    sub_sorter_entries: int = size(128, 2, 512, power=True)
-    sort_digits: tuple[int, ...] = (1,) * 23  # bits of a key, most significant group first
-    merge_ways: int = size(16, 2, 16, power=True)
+    sub_sorters: int = size(1, 1, 16)  # number of sub-sorters
+    sub_sorter_entries: int = size(128, 2, 512, power=True)  # entries per run
+    sort_digits: tuple[int, ...] = (1,) * 23  # bits of each digit of a key, highest digit first
+    merge_ways: int = size(16, 2, 16, power=True)  # runs merged at a time
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
-    rasterizers: int = size(4, 1, 16, power=True)  # each has 16 lanes, a block's pixels
-    exponent_fraction: int = bits(  # of E's coefficients below the point
+    rasterizers: int = size(4, 1, 16, power=True)  # each has 16 lanes, one per pixel of a block
+    exponent_fraction: int = bits(  # fraction bits of E's coefficients
         14, limits=(10, 18), tried=(11, 12, 13, 16), coarse=12, fine=16,
         parts=("evaluate", "mark"),
     )  # fmt: skip
-    pixel_fraction: int = bits(  # of E within a block below the point
+    pixel_fraction: int = bits(  # fraction bits of a pixel's E
         12, limits=(6, 16), tried=(8, 10, 14), coarse=10, fine=14,
         parts=("evaluate",), bounds=("exponent_fraction",), beyond=2,
     )  # fmt: skip
-    power_fraction: int = bits(  # of E below the point that index the table of 2^x
+    power_fraction: int = bits(  # fraction bits of E that index the table of 2^x
         6, limits=(3, 8), tried=(4, 5, 7), coarse=5, fine=7,
         parts=("lane", "evaluate"), bounds=("pixel_fraction",),
     )  # fmt: skip
-    power_mantissa: int = bits(  # of an entry of that table
+    power_mantissa: int = bits(  # bits of an entry of that table
         8, limits=(4, 12), tried=(6, 7, 10), coarse=7, fine=10, in_work=True
     )
-    transmittance: int = bits(  # of T, all below the point
+    transmittance: int = bits(  # fraction bits of T, which has no others
         16, limits=(10, 20), tried=(12, 14, 18), coarse=14, fine=18, in_work=True
     )
-    weight: int = bits(  # of T·alpha, all below the point
+    weight: int = bits(  # fraction bits of T·alpha, which has no others
         11, limits=(7, 16), tried=(9, 10, 13), coarse=10, fine=13, bounds=("transmittance",)
     )
-    colour_fraction: int = bits(  # of a splat's colour below the point
+    colour_fraction: int = bits(  # fraction bits of a splat's colour
         9, limits=(6, 9), tried=(6, 7, 8), coarse=8, fine=9, in_features=True
     )
-    sum_fraction: int = bits(  # of a pixel's colour below the point
+    sum_fraction: int = bits(  # fraction bits of a pixel's colour
         13, limits=(9, 16), tried=(10, 12, 15), coarse=12, fine=15,
         bounds=("colour_fraction", "weight"), beyond=-1,
     )  # fmt: skip
-    # What logic is made for; results are the same. gates: a lane weights a colour by multiples of
-    # it, made once for all lanes, terms of colour are sums of rows, and counts go up by trees.
-    # fpga: these are multiplier blocks and carry chains, which an FPGA has.
+    # Target of the logic; results are the same. "gates": multiples of a colour are computed once
+    # and shared by all lanes, terms of colour are sums of rows, and counters are trees. "fpga":
+    # multiplier blocks and carry chains, which an FPGA has, replace these.
     logic: Literal["gates", "fpga"] = "gates"
-    early_termination: bool = True  # pixels end once too little of T is left
-    # (a, b, c): what is too faint to be seen is left out (`spec.raster`). Nothing for 3DGS's rule.
+    early_termination: bool = True  # a pixel ends when T is below a threshold
+    # Faintness rule (a, b, c): thresholds 2^−a, 2^−b, 2^−c of `spec.raster`. () for 3DGS's rule.
     faint: tuple[int, ...] = (4, 11, 8)
 
-    # Other on-chip memories (bytes).
-    codebook: int = 8 * KB
+    codebook: int = 8 * KB  # bytes of the codebook memory on chip
 
-    # What the estimate of power reckons with; the hardware does not depend on it.
-    energy: Energy = ENERGY
+    energy: Energy = ENERGY  # constants of the power estimate; the hardware does not depend on them
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -170,37 +182,39 @@ class Config:
             if about.high and not about.low <= value <= about.high:
                 raise self._error(name, f"is not in {about.low} … {about.high}")
             if about.power and (value < about.low or value & (value - 1)):
-                raise self._error(name, f"is not a power of two from {about.low} on")
+                raise self._error(name, f"is not a power of two ≥ {about.low}")
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         if self.colours == "array" and self.sh_degree > 1:
-            raise self._error("sh_degree", "is above 1, the highest that colours='array' knows")
+            raise self._error("sh_degree", "is above 1, the highest degree of colours='array'")
         if self.faint:
             if not self.early_termination:
-                raise self._error("faint", "ends pixels, which early_termination=False does not")
+                raise self._error("faint", "ends pixels, but early_termination is False")
             if len(self.faint) != 3:
-                raise self._error("faint", "is neither three numbers nor none")
+                raise self._error("faint", "has neither three numbers nor none")
             from_, below, ends = self.faint
             if not 1 <= from_ <= ends <= below <= self.transmittance:
                 raise self._error("faint", f"is not 1 ≤ a ≤ c ≤ b ≤ {self.transmittance}")
         for name in ("colour_index", "sh_index"):
             if len(getattr(self, name)) <= min(self.sh_degree, 1):
-                raise self._error(name, f"says nothing about models of degree {self.sh_degree}")
+                raise self._error(name, f"has no entry for degree {min(self.sh_degree, 1)}")
 
     def _error(self, field: str, why: str) -> InputError:
         return InputError(f"preset {self.name}: {field} {getattr(self, field)} {why}")
 
     @property
     def compensates(self) -> bool:
-        """Whether it renders antialiased models (`spec.compensation`), too: only with arithmetic
-        that saturates and has no subnormal values."""
+        """Whether it also renders antialiased models (`spec.compensation`).
+
+        Requires arithmetic that saturates and has no subnormal values.
+        """
         arithmetic = self.arithmetic
         fits = not arithmetic.subnormal and arithmetic.overflow == "saturate"
         return self.antialiasing and fits
 
     @property
     def side_max(self) -> int:
-        """Most pixels along a side of an image: as many as `width_max` has bits for."""
+        """Maximum pixels per side of an image: the largest value with the bits of `width_max`."""
         bits = max(self.width_max, self.height_max).bit_length()
         return min((1 << bits) - 1, SIZES["width_max"].high)
 
@@ -211,17 +225,19 @@ class Config:
 
 
 def _about(kind: type) -> dict:
-    """Fields of `Config` by name, as far as their metadata is of a kind."""
+    """Return the fields of `Config` with metadata of a kind: name → metadata."""
     found = {field.name: field.metadata.get("about") for field in fields(Config)}
     return {name: about for name, about in found.items() if isinstance(about, kind)}
 
 
 SIZES: dict[str, Size] = _about(Size)
+"""Limits of the fields that are sizes, by name."""
 
 FORMATS: dict[str, Format] = _about(Format)
+"""Number formats of stage 3, by name."""
 
 DEFAULT = Config()
-"""The machine that `docs/` describes."""
+"""The machine described in `docs/`."""
 
 PAPER = Config(
     name="PAPER",
@@ -244,9 +260,10 @@ PAPER = Config(
     sub_sorter_entries=256,
     sort_digits=(3, 4, 4, 4),
 )
-"""The paper's choices to the letter where it states them: FP16 positions, arithmetic and depth
-keys, one codebook stage, 3σ tile bounds; the rest as DEFAULT. Units of 32 pixels keep FP16 within
-its range where one has the choice: in pixels, x · focal length overflows beyond 65 scene units."""
+"""The paper's choices, exactly where it states them: FP16 positions, arithmetic and depth keys, one
+codebook stage, 3σ tile bounds; the rest as in DEFAULT. Where the paper leaves the choice, units of
+32 pixels keep FP16 within its range: in pixels, x · focal length overflows beyond 65 scene units.
+"""
 
 TINY = Config(
     name="TINY",
@@ -273,13 +290,16 @@ FPGA = Config(
     sub_sorter_entries=64,
     merge_ways=8,
 )
-"""DEFAULT's images, models and formats, with as few units as fit into a Lattice LFE5U-85. One
-rasterizer takes most of the time, so a frame hardly waits for the few PEs: docs/fpga.md."""
+"""DEFAULT's images, models and formats, with as few units as fit into a Lattice LFE5U-85.
+
+The single rasterizer takes most of the time, so the few PEs hardly delay a frame: docs/fpga.md.
+"""
 
 HEADSET = Config(name="HEADSET", width_max=2064, height_max=2208)
-"""DEFAULT for one eye of a headset: only the table of groups grows."""
+"""DEFAULT for one eye of a headset; only the table of groups is larger."""
 
 UHD = Config(name="UHD", width_max=3840, height_max=2160)
-"""DEFAULT for pictures of 3840×2160."""
+"""DEFAULT for images of 3840×2160 pixels."""
 
 PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY, FPGA, HEADSET, UHD)}
+"""Built-in presets by name."""

@@ -2,14 +2,14 @@
 
 One named constant each; `Convention` gathers them so that the reference renderer can switch any
 of them to another renderer's choice. Source: Kerbl et al., "3D Gaussian Splatting for Real-Time
-Radiance Field Rendering" (SIGGRAPH 2023) and its CUDA rasterizer, but for the footprint.
+Radiance Field Rendering" (SIGGRAPH 2023) and its CUDA rasterizer, except for the footprint.
 """
 
 from dataclasses import dataclass
 from typing import Literal
 
 NEAR_PLANE = 0.2
-"""Default of `Camera.near`."""
+"""Default of `Camera.near` (scene units)."""
 
 FRUSTUM_MARGIN = 1.3
 """X/Z and Y/Z in the Jacobian are clamped to ± this times tan(fov/2)."""
@@ -18,13 +18,13 @@ COVARIANCE_BLUR = 0.3
 """Added to both diagonal elements of the 2D covariance (square pixels)."""
 
 ALPHA_MIN = 1.0 / 255.0
-"""A pixel whose alpha is below this is skipped."""
+"""Pixels with a smaller alpha are skipped."""
 
 ALPHA_MAX = 0.99
-"""Alpha is clamped to this."""
+"""Alpha is clamped to this maximum."""
 
 TRANSMITTANCE_MIN = 1e-4
-"""A pixel ends when its next transmittance would fall below this; that Gaussian is not blended."""
+"""A pixel ends before a Gaussian that would reduce its transmittance below this."""
 
 PIXEL_CENTRE = 0.0
 """Pixel (0, 0) is sampled at u = v = this, with u = fx·X/Z + cx − 0.5."""
@@ -39,27 +39,30 @@ SIGMA_EXTENT = 3.0
 """Half-width of the original renderer's square footprint in standard deviations."""
 
 TILE = 16
-"""Pixels along the side of a tile."""
+"""Pixels per side of a tile."""
 
 BLOCK = 4
-"""Pixels along the side of a block, the unit that a rasterizer visits."""
+"""Pixels per side of a block, which a rasterizer blends at a time."""
 
 SH_DEGREE_MAX = 3
-"""Highest spherical-harmonics degree that scene files hold."""
+"""Highest spherical-harmonics degree of scene files."""
 
 Footprint = Literal["exact", "3sigma"]
+"""Pixels that a splat may touch.
+
+exact: every pixel with alpha ≥ `alpha_min`
+3sigma: only the tiles that the square of half-width ⌈3·√λmax⌉ touches, like the original renderer
+"""
 
 
 @dataclass(frozen=True)
 class Convention:
     """Every choice above, for one rendering.
 
-    `footprint` is "exact" (every pixel with alpha ≥ `alpha_min`) or "3sigma" (the original
-    renderer's: only the tiles that the square of half-width ⌈3·√λmax⌉ touches).
-    `faint` leaves out what is too faint to be seen, in place of `transmittance_min`: (from, below,
-    ends), where T < from a contribution alpha·T < below is skipped, and the one that brings T below
-    `ends` takes all of T and ends the pixel.
-    `background` is linear RGB in [0, 1], seen through the final transmittance.
+    footprint: pixels that a splat may touch
+    faint: (from, below, ends), or None for `transmittance_min`. While T < from, a splat with
+        alpha·T < below is skipped; a splat that would leave T < ends takes all of T: the pixel ends
+    background: linear RGB in [0, 1], visible through the final transmittance
     """
 
     frustum_margin: float = FRUSTUM_MARGIN
@@ -79,4 +82,4 @@ SPLATCORE = Convention()
 """The machine's conventions."""
 
 ORIGINAL = Convention(footprint="3sigma")
-"""The original CUDA renderer's."""
+"""The original CUDA renderer's conventions."""

@@ -1,14 +1,15 @@
-"""Depths: finer numbers than all others, and the keys that are made of them.
+"""Depths, which are finer than all other numbers, and the sort keys made from them.
 
-The order of splats shows in the picture where a rounding of positions does not. So stage 0 finds
-depths with the fraction bits of `Config.depth`, from rays as fine: `finer`. A coordinate is then
-narrowed to `Config.arithmetic`; a depth's bits below, z_low, go along with it, and together they
-are its exact code again: `whole_codes`.
+The order of splats shows in the picture where a rounding of positions does not. So stage 0 computes
+depths with the fraction bits of `Config.depth`, from rays as fine: `finer`. Coordinates are then
+narrowed to `Config.arithmetic`. The low bits of a depth, z_low, go along with it; together they are
+its exact code again: `whole_codes`.
 
-A key is a depth's code, if keys have as many bits. Else keys are finest from `KEY_BASE`, whatever
-the near plane is. With K keys: the first K/16 are the 16 doublings below `KEY_BASE`; from there on
-a key is one code for K/2 keys, two codes for K/4, and as many as reach the largest depth for the
-rest. `DEFAULT`: 15 fraction bits below a depth of 0.2, 20 up to 3.2, 19 up to 51, 14 beyond.
+A key is a depth's code if keys have as many bits. Else keys are finest from `KEY_BASE` on, whatever
+the near plane. With K keys: the first K/16 are the 16 doublings below `KEY_BASE`. Above it, each of
+the next K/2 keys is one code; each of the next K/4 is two codes; each of the rest is as many codes
+as it takes to reach the largest depth. `DEFAULT`: 15 fraction bits below a depth of 0.2, 20 up to
+3.2, 19 up to 51, 14 beyond.
 """
 
 from dataclasses import replace
@@ -20,34 +21,35 @@ from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.number import Bits
 
 KEY_BASE = NEAR_PLANE
-"""Depth from which keys are finest (scene units)."""
+"""Depth from which on keys are finest (scene units)."""
 
 BELOW, DOUBLINGS = 4, 4
-"""A key in 2^BELOW is of the 2^DOUBLINGS doublings of depth below `KEY_BASE`."""
+"""One key in 2^BELOW is for the 2^DOUBLINGS doublings of depth below `KEY_BASE`."""
 
 
 def low_bits(config: Config) -> int:
-    """Fraction bits that a depth has more than `Config.arithmetic`."""
+    """Return the additional fraction bits of a depth, compared with `Config.arithmetic`."""
     return max(0, config.depth.fraction - config.arithmetic.fraction)
 
 
 def finer(config: Config) -> Config:
-    """The machine whose arithmetic is that of depths and of the rays that they come from."""
+    """Return the machine with the arithmetic of depths and of the rays they come from."""
     fraction = config.arithmetic.fraction + low_bits(config)
     return replace(config, arithmetic=replace(config.arithmetic, fraction=fraction))
 
 
 def low_format(config: Config) -> dict[str, Bits]:
-    """The field z_low of records with a depth, if depths have more bits than other numbers."""
+    """Return the field z_low of records with a depth; empty if depths have no additional bits."""
     bits = low_bits(config)
     return {"z_low": Bits(bits)} if bits else {}
 
 
 def narrowed(config: Config, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Codes [N] of `finer` as codes of `Config.arithmetic`, and the bits that these lack.
+    """Split codes of `finer` into codes of `Config.arithmetic` and low bits.
 
-    Rounded to nearest, a tie away from zero, so that the highest bit that is cut off says whether
-    the code went up.
+    codes: [N]
+    Returns both [N]. Rounded to nearest, ties away from zero, so that the highest low bit says
+    whether the code was rounded up.
     """
     bits, codes = low_bits(config), codes.astype(np.int64)
     if not bits:
@@ -59,16 +61,16 @@ def narrowed(config: Config, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def whole_codes(config: Config, codes, low):
-    """Codes of `finer` plus half of what `narrowed` cuts off [N], of the two.
+    """Return codes [N] of `finer` plus half the weight of the low bits, from `narrowed` codes.
 
-    The cut-off bits with their highest one inverted are those above the half.
+    Inverting the highest of the low bits turns them into the bits above this half.
     """
     bits = low_bits(config)
     return (codes << bits) + (low ^ (1 << bits >> 1))
 
 
 def whole_depth(config: Config, depth: np.ndarray, low: np.ndarray) -> np.ndarray:
-    """Depths [N] of values of `Config.arithmetic` and their low bits."""
+    """Return depths [N] from values [N] of `Config.arithmetic` and their low bits [N]."""
     if not low_bits(config):
         return depth
     codes = config.arithmetic.encode(depth).astype(np.int64)
@@ -77,36 +79,36 @@ def whole_depth(config: Config, depth: np.ndarray, low: np.ndarray) -> np.ndarra
 
 
 def key_shift(config: Config) -> int:
-    """Codes in one of the last quarter of keys, as a power of two; 0: a key for each code."""
+    """Return log2 of the codes per key in the last quarter of keys; 0 if each code has a key."""
     bits = config.arithmetic.exponent + finer(config).arithmetic.fraction
     return bits - config.sort_key_bits + 2 if bits > config.sort_key_bits else 0
 
 
 def below_bits(config: Config) -> int:
-    """Keys below `KEY_BASE`, as a power of two."""
+    """Return log2 of the keys below `KEY_BASE`."""
     return config.sort_key_bits - BELOW
 
 
 def below_shift(config: Config) -> int:
-    """Codes of `finer` in a key below `KEY_BASE`, as a power of two."""
+    """Return log2 of the codes of `finer` per key below `KEY_BASE`."""
     return max(finer(config).arithmetic.fraction + DOUBLINGS - below_bits(config), 0)
 
 
 def base_code(config: Config) -> int:
-    """The code of `KEY_BASE` in `finer`, as far as `Config.arithmetic` holds it."""
+    """Return the code of `KEY_BASE` in `finer`, rounded down to `Config.arithmetic`."""
     return rounded_down(config, KEY_BASE) << low_bits(config)
 
 
 def rounded_down(config: Config, depth: float) -> int:
-    """The largest code of `Config.arithmetic` whose value is at most a depth."""
+    """Return the largest code of `Config.arithmetic` with a value up to the depth."""
     code = int(config.arithmetic.encode(config.arithmetic.round(depth)))
     return code - int(config.arithmetic.decode(code) > depth)
 
 
 def depth_keys(config: Config, codes: np.ndarray, low: np.ndarray) -> np.ndarray:
-    """Keys [N] of depths ≥ 0, `narrowed` codes and their low bits.
+    """Return the keys [N] of depths ≥ 0, from `narrowed` codes [N] and their low bits [N].
 
-    Codes of numbers that are not negative rise with them, and so do the keys.
+    Codes of non-negative numbers rise with the numbers, and so do the keys.
     """
     whole = whole_codes(config, codes.astype(np.int64), low.astype(np.int64))
     whole = np.maximum(whole - (1 << low_bits(config) >> 1), 0)

@@ -1,8 +1,8 @@
-"""The one exception for bad input from outside: files, arguments, scenes."""
+"""The exception for invalid input: files, arguments, scenes."""
 
 
 class InputError(ValueError):
-    """Bad input. The message is one line that names the file (or argument) and the field.
+    """Invalid input. The message is one line that names the file (or argument) and the field.
 
-    The command line prints it and exits with status 2; nothing has been written by then.
+    The command line prints it and exits with status 2, before anything is written.
     """

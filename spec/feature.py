@@ -1,6 +1,6 @@
-"""A splat's features: what stage 3 needs of it, as it lies in memory.
+"""A splat's features: the record in memory from which stage 3 blends the splat.
 
-Lengths are in pixels. Numbers are as short as the machine's pictures allow, so that a splat is one
+Lengths are in pixels. Numbers have as few bits as picture quality allows, so that a splat is one
 beat of memory (`spec.work.FEATURE`).
 """
 
@@ -13,26 +13,31 @@ from splatcore.spec.number import Bits, Fixed, Float
 from splatcore.spec.record import Record
 
 POSITION = Fixed(11, 8, signed=True)
-"""A splat's centre, in units of 2^scale pixels; scale is 0 but for centres more than 2^11 pixels
-away."""
+"""A coordinate of a splat's centre, in units of 2^scale pixels; scale is 0 within 2^11 pixels."""
 
 SCALE_MAX = 15
-"""A centre that is farther away than 2^26 pixels is taken for one at that distance."""
+"""Largest scale; a centre beyond 2^26 pixels is stored at that distance."""
 
 FACTOR = Float(6, 9, signed=False, subnormal=False)
 """A factor of a splat's conic, times 2^`FACTOR_SCALE`."""
 
 FACTOR_SCALE = 31
-"""Of a factor for lengths in pixels: none is above 2.41, as no splat is thinner than the blur, and
-4 is too large; below 2^−61 they are 0."""
+"""Scale of factors for lengths in pixels.
+
+No factor is above 2.41, as no splat is thinner than the blur; 4 would be too large. Factors below
+2^−61 are stored as 0.
+"""
 
 SHEAR = Float(5, 10, subnormal=False)
-"""A splat's shear; what is below 2^−14 does not move its outline by a pixel."""
+"""A splat's shear; values below 2^−14 do not move its outline by a pixel."""
 
 
 def centre_codes(u: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
-    """Codes of a centre's u, v and scale for float64 pixels [N]: the smallest scale with which both
-    are in range before they are rounded. A NaN is 0, and as far away as an infinity.
+    """Return the codes of a centre's u, v and scale.
+
+    u, v: [N] float64, pixels
+    The scale is the smallest with which both are in range before rounding. NaN is stored as 0, with
+    the largest scale, like infinity.
     """
     farther = np.fmax(np.abs(u), np.abs(v))
     unknown = ~np.isfinite(u) | ~np.isfinite(v)
@@ -46,20 +51,23 @@ def centre_codes(u: np.ndarray, v: np.ndarray) -> dict[str, np.ndarray]:
 
 
 BRIGHT_SHIFT = 4
-"""Bits that a splat's features leave out of a colour from 2 on."""
+"""Bits that features omit from a colour of 2 or more."""
 
 
 def short_colour_format(config: Config) -> Bits:
-    """A splat's red, green or blue in its features, in three pieces: below 1 all of its bits; below
-    2 all but the last one; from there on `BRIGHT_SHIFT` bits fewer. Codes rise with colours.
+    """A splat's red, green or blue in its features, in three pieces.
+
+    Below 1 all bits are stored; from 1 to 2 all except the last; from 2 on `BRIGHT_SHIFT` fewer.
+    Codes rise with colours.
     """
     return Bits(config.colour_fraction + 1)
 
 
 def short_colours(config: Config, codes, choose):
-    """Codes of `short_colour_format` for those of `colour_format`, rounded to nearest.
+    """Shorten codes of `colour_format` to `short_colour_format`, rounded to nearest.
 
-    Of integers (choose: `np.where`) or of hardware values (`Mux`).
+    codes: integers or hardware values
+    choose: `np.where` for integers, `Mux` for hardware values
     """
     one = 1 << config.colour_fraction
     middle = (codes + 1 >> 1) + one // 2
@@ -68,7 +76,7 @@ def short_colours(config: Config, codes, choose):
 
 
 def whole_colours(config: Config, codes, choose):
-    """The inverse of `short_colours`, but for what was rounded off."""
+    """Invert `short_colours`, except for its rounding."""
     one = 1 << config.colour_fraction
     bright = codes - _bright_from(config) << BRIGHT_SHIFT
     middle = codes - one // 2 << 1
@@ -76,17 +84,19 @@ def whole_colours(config: Config, codes, choose):
 
 
 def _bright_from(config: Config) -> int:
-    """What a code of a colour from 2 on is above its bits."""
+    """Return the difference between the short code of a colour ≥ 2 and its shifted code."""
     one = 1 << config.colour_fraction
     return one + one // 2 - (2 * one >> BRIGHT_SHIFT)
 
 
 def feature_record(config: Config) -> Record:
-    """A splat as the rasterizer gets it.
+    """A splat's features.
 
-    across and along are the conic's factors times `spec.frame.POWER_SCALE`, so that
-    E = −opacity − (dx − shear·dy)²·across − dy²·along; opacity is −log2 of it. Colours are in units
-    of 255/256, so that the highest 8 bits of a sum of weighted ones are the pixel's.
+    u, v, scale: its centre
+    across, along: the conic's factors times `spec.frame.POWER_SCALE`, so that
+        E = −opacity − (dx − shear·dy)²·across − dy²·along
+    opacity: −log2(opacity)
+    red, green, blue: in units of 255/256, so that the top 8 bits of a weighted sum are the pixel's
     """
     fields = {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
     fields |= {"across": FACTOR, "shear": SHEAR, "along": FACTOR, "opacity": OPACITY}

@@ -1,7 +1,7 @@
 """A frame's constants: the camera's registers, as values of `Config.arithmetic`.
 
-The host computes them once a frame in float64 and rounds them once; hardware and golden model start
-from the same codes.
+The host computes them once per frame in float64 and rounds them once; hardware and golden model
+start from the same codes.
 """
 
 from dataclasses import dataclass
@@ -17,17 +17,19 @@ from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Fixed
 
 EXTENT_MARGIN = 2.0
-"""Pixels by which a point splat of opacity 1 reaches beyond its centre: √(2·ln 255·0.3) < 1.83."""
+"""Reach of a point splat of opacity 1 beyond its centre, in pixels: √(2·ln 255·0.3) < 1.83."""
 
 GUARD_ROUNDINGS = 8
-"""Roundings of the largest slope by which the guard band is wider than it need be: what a point's
-x, y and bound may be off by, together."""
+"""Margin of the guard band, in roundings of the largest slope.
+
+It covers the errors of a point's x, y and bound together.
+"""
 
 POWER_SCALE = float(np.log2(np.e) / 2)
-"""E = log2(opacity) − Q · this."""
+"""E = log2(opacity) − Q · POWER_SCALE."""
 
 CAMERA = Fixed(47, 0, signed=True)
-"""The camera's coordinates in grid steps: up to 2^9 times as far as the scene's farthest point."""
+"""A camera coordinate in grid steps: up to 2^9 times the distance of the scene's farthest point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +37,12 @@ class FrameConstants:
     """Registers of one frame."""
 
     camera: np.ndarray  # [3] int64, grid steps
-    near_plane: float
-    constants: dict[str, float]  # `spec.programs.CONSTANTS`, values that the format holds
+    near_plane: float  # scene units
+    constants: dict[str, float]  # name in `spec.programs.CONSTANTS` → rounded value
 
 
 def fixed_constants(config: Config) -> dict[str, float]:
-    """Constants of `spec.programs` that no camera changes, before they are rounded."""
+    """Return the constants of `spec.programs` that no camera changes, before rounding."""
     return {
         "zero": 0.0,
         "one": 1.0,
@@ -60,10 +62,11 @@ def frame_constants(
     factor_exponent: int,
     antialiased: bool = False,
 ) -> FrameConstants:
-    """The registers for a camera and a model's exponents; and whether the model is antialiased,
-    which the machine itself reads from the model.
+    """Return the registers for a camera and a packed model.
 
-    Raises InputError for a camera that is too far off.
+    position_exponent, factor_exponent: from the model's header
+    antialiased: whether the model is; the machine itself reads this from the model
+    Raises InputError for a camera that is too far away.
     """
     pixel = 2.0**-config.screen_exponent
     focal = np.array([camera.fx, camera.fy]) * pixel
@@ -73,7 +76,7 @@ def frame_constants(
     principal = np.array([camera.cx, camera.cy]) - convention.PRINCIPAL_POINT_SHIFT
     guard = np.maximum(size - 1 - principal, principal) + EXTENT_MARGIN
     guard = guard * (1 + GUARD_ROUNDINGS * config.arithmetic.epsilon) * pixel
-    spread = np.hypot(focal, limit)  # largest half-extent at z = 1 of what reaches one scene unit
+    spread = np.hypot(focal, limit)  # half-extent at z = 1 of a reach of one scene unit, at most
     constants = fixed_constants(config) | {"antialiased": float(antialiased)}
     for axis, name in enumerate("xyz"):
         for k in range(3):
@@ -85,7 +88,7 @@ def frame_constants(
     rounded = {name: float(config.arithmetic.round(value)) for name, value in constants.items()}
     grid = np.rint(np.ldexp(camera.position, -position_exponent))
     if not (np.abs(grid) <= CAMERA.max).all():
-        raise InputError(f"camera {camera.name}: is more than 512 times the scene's size away")
-    # What is within a rounding of the near plane is rather drawn than lost.
+        raise InputError(f"camera {camera.name}: is farther away than 512 times the scene's size")
+    # Round down: a point within a rounding of the near plane is drawn, not lost.
     near = config.arithmetic.decode(rounded_down(config, camera.near))
     return FrameConstants(grid.astype(np.int64), float(near), rounded)

@@ -1,4 +1,4 @@
-"""The packed model as it lies in DRAM: records, their order, their addresses.
+"""The packed model in DRAM: records, their order, their addresses.
 
     header │ chunk headers │ positions │ attributes │ colour codebook │ SH codebook
 
@@ -8,28 +8,28 @@ Morton curve. A coordinate is an integer on the model's grid: the chunk's origin
 
     coordinate = (origin + (offset << shift)) · 2^position_exponent
 
-so adding is exact and multiplying by the step is a change of exponent. Within a chunk Gaussians
-are ordered by octant (the top bits of the three offsets, x lowest), so those bits follow from a
-Gaussian's place and the header's octant ends; only the rest is stored, 45 bits a Gaussian (27 in
-small models, where offsets end in zeros). With absolute positions (`PAPER`) a coordinate is stored
-as a float, the grid's step is the smallest one, and headers tell only the reach.
+so adding is exact and multiplying by the step is a change of exponent. Within a chunk, Gaussians
+are ordered by octant (the top bits of the three offsets, x lowest), so these bits follow from a
+Gaussian's place and the header's octant ends. Only the rest is stored: 45 bits per Gaussian (27 in
+small models, whose offsets end in zeros). With absolute positions (`PAPER`) a coordinate is stored
+as a float, the grid's step is the smallest float, and of a chunk header only the reach has meaning.
 
 The first beat of a Gaussian's attributes holds L, the lower-triangular factor of the 3D covariance
 L·Lᵀ, times 2^−factor_exponent (its diagonal is never negative and has no sign bit), −log2(opacity),
 and its colour, in one of two ways (`spec.colour` has the arithmetic):
 
-- Codebooks (compact models, degree 0 or 1): one index for each stage. The sum of one entry per
-  stage, times 2^E of degree 0, is the colour that the original renderer has as SH0·C0 + 0.5; the
-  SH entries sum to the 3×3 matrix G (times 2^E of degree 1) in colour + G·direction, with the unit
-  direction from camera to Gaussian: the degree-1 harmonics with their constants multiplied in.
-- Steps (all index bits 0): the base in 9 bits a channel; harmonics lie in further beats right
-  behind the first, as many as the chunk's header says (`spec.colour.LAYOUTS`), which has the steps.
+- Codebooks (compact models, degree 0 or 1): one index per stage. The sum of one entry per stage,
+  times 2^E of degree 0, is the original renderer's SH0·C0 + 0.5. The SH entries sum to the 3×3
+  matrix G (times 2^E of degree 1) in colour + G·direction, with the unit direction from camera to
+  Gaussian: the degree-1 harmonics with their constants multiplied in.
+- Steps (all index bits 0): the base in 9 bits per channel. Harmonics follow in further beats; the
+  chunk's header has their number and layout (`spec.colour.LAYOUTS`), and the steps.
 
-Attributes of a chunk follow those of the chunk before.
+The attributes of one chunk follow the attributes of the chunk before.
 
-Small models have codebooks and half a beat of attributes for each Gaussian, so two share a beat:
-L as integers of 4 bits times a power of two that its elements share, and opacity and offsets in
-coarser steps. `spec.small` makes the fields of a whole beat of them, exactly.
+Small models have codebooks and half a beat of attributes per Gaussian, so two Gaussians share a
+beat: L as integers of 4 bits times a common power of two, and opacity and offsets in coarser steps.
+`spec.small` expands them to the fields of a whole beat, exactly.
 """
 
 from dataclasses import dataclass
@@ -48,117 +48,115 @@ from splatcore.spec.number import FP16, Bits, Fixed, Float
 from splatcore.spec.record import Array, Format, Record
 
 MAGIC = int.from_bytes(b"SPLT", "little")
+"""The letters SPLT, which mark a packed model, and the machine in its register ID."""
 VERSIONS = 3, 4
-"""Versions of models without and with the mark `antialiased` in their header: machines that do not
-compensate opacities take the first only."""
+"""Versions of models: without, and with, `antialiased` set in their header."""
 
 ALIGNMENT = 64
-"""Bytes: parts begin at a multiple of a short burst."""
+"""Every part begins at a multiple of this many bytes, a short burst."""
 
 CODEBOOK_MAX = 8 * KB
-"""Bytes of both codebooks together, in DRAM as on chip."""
+"""Maximum bytes of both codebooks together, in DRAM and on chip."""
 
 COMPACT_DEGREE = 1
-"""The highest degree for which there are codebooks."""
+"""Highest SH degree of models with codebooks."""
 
 CHUNK = 256
-"""Gaussians in a chunk (the last one of a model may have fewer)."""
+"""Gaussians per chunk (the last chunk of a model may have fewer)."""
 
-ORIGIN_BITS = 40
-OFFSET_BITS = 16
-STORED_BITS = OFFSET_BITS - 1
-SMALL_STORED_BITS = 9
-"""Of an offset, without its top bit: all, and what small models have of them, the top ones."""
-OCTANTS = 8
+ORIGIN_BITS = 40  # of a coordinate of a chunk's origin, in grid steps
+OFFSET_BITS = 16  # of an offset from a chunk's origin
+STORED_BITS = OFFSET_BITS - 1  # of an offset in DRAM: all except its top bit
+SMALL_STORED_BITS = 9  # of an offset in small models: the bits after its top bit
+OCTANTS = 8  # of a chunk, by the top bits of the three offsets
 EXTENT_SHIFT = 8
-"""A chunk's extent is its largest offset shifted right by this."""
+"""A chunk's extent is its largest offset shifted right by this many bits."""
 
 ABSOLUTE = FP16
-"""Coordinates that are stored as such (`position` "absolute")."""
+"""An absolute coordinate (`position` "absolute")."""
 
 ABSOLUTE_EXPONENT = 1 - ABSOLUTE.bias - ABSOLUTE.fraction
-"""All of them are multiples of 2^this."""
+"""All absolute coordinates are multiples of 2^ABSOLUTE_EXPONENT."""
 
 ON_DIAGONAL = ("l00", "l11", "l22")
 BELOW = ("l10", "l20", "l21")
 """Elements of L by row and column."""
 
-FACTOR = Float(5, 10)
-DIAGONAL = Float(5, 10, signed=False)
-"""Elements of L below and on its diagonal: FP16's bits without infinities."""
+FACTOR = Float(5, 10)  # element of L below the diagonal: FP16's bits without infinities
+DIAGONAL = Float(5, 10, signed=False)  # element on the diagonal
 
 OPACITY = Fixed(3, 5)
 """−log2(opacity)."""
 
 ATTRIBUTE_BITS = 128
-"""One AXI beat."""
+"""Bits of the first beat of attributes: one machine beat."""
 
 SMALL_BITS = ATTRIBUTE_BITS // 2
-"""Attributes of a Gaussian of a small model."""
+"""Bits of the attributes of a small model's Gaussian."""
 
-MAGNITUDE = Bits(4)
-SIGNED_MAGNITUDE = Bits(MAGNITUDE.width + 1)
-"""Elements of L of a small model on its diagonal, and below it with the sign on top."""
+MAGNITUDE = Bits(4)  # element of L on the diagonal, in a small model
+SIGNED_MAGNITUDE = Bits(MAGNITUDE.width + 1)  # element below the diagonal, the sign on top
 
 SHARED_EXPONENT = Bits(5)
-"""What these are multiplied with: 2^(code + `spec.small.UNIT`)."""
+"""Common power of two of these elements: 2^(code + `spec.small.UNIT`)."""
 
 SMALL_OPACITY = Fixed(3, 2)
 """−log2(opacity) of a small model."""
 
-COMPONENT = Fixed(11, 0, signed=True)
-SLOPE = Fixed(9, 0, signed=True)
-"""Components of a colour entry and of an SH entry, in units of 2^exponent of the header."""
+COMPONENT = Fixed(11, 0, signed=True)  # of a colour entry, in units of 2^E of degree 0
+SLOPE = Fixed(9, 0, signed=True)  # of an SH entry, in units of 2^E of degree 1
 
 REACH = Float(7, 9, signed=False)
-"""Bound on how far from its centre a Gaussian of the chunk has alpha ≥ 1/255 (scene units)."""
+"""Upper bound of the distance at which a chunk's Gaussian has alpha ≥ 1/255 (scene units)."""
 
 EXPONENT_MAX = 255
-"""Exponents of the header are at most this, up and down."""
+"""Largest magnitude of an exponent in the header."""
 
 POSITION_FORMATS = ("chunk", "absolute")
-"""Values of the header's `position` field, by their index."""
+"""Kinds of positions, by the number in the header."""
 
 HEADER = Record(
     "header",
     {
-        "magic": Bits(32),
-        "version": Bits(16),
-        "sh_degree": Bits(8),
-        "position": Bits(7),
-        "small": Bits(1),  # attributes take half a beat each
-        "count": Bits(32),
-        "checksum": Bits(32),  # CRC-32 of everything but this field
-        "position_exponent": Fixed(15, 0, signed=True),
-        "factor_exponent": Fixed(15, 0, signed=True),
+        "magic": Bits(32),  # `MAGIC`
+        "version": Bits(16),  # one of `VERSIONS`
+        "sh_degree": Bits(8),  # highest degree of the harmonics
+        "position": Bits(7),  # index into `POSITION_FORMATS`
+        "small": Bits(1),  # attributes take half a beat per Gaussian
+        "count": Bits(32),  # Gaussians
+        "checksum": Bits(32),  # CRC-32 of everything except this field
+        "position_exponent": Fixed(15, 0, signed=True),  # log2 of the grid's step, scene units
+        "factor_exponent": Fixed(15, 0, signed=True),  # log2 of the unit of L, scene units
         "exponent": Array(Fixed(15, 0, signed=True), DEGREES),  # E of each degree (`spec.colour`)
-        "colour_index": Array(Bits(8), 4),  # index bits of each stage, 0 where there is none
-        "sh_index": Array(Bits(8), 4),
-        "positions": Bits(32),  # where these parts begin, in units of ALIGNMENT from the header on
-        "attributes": Bits(32),
-        "colours": Bits(32),
-        "end": Bits(32),
+        "colour_index": Array(Bits(8), 4),  # index bits of each stage, else 0
+        "sh_index": Array(Bits(8), 4),  # likewise
+        "positions": Bits(32),  # offset from the header in units of `ALIGNMENT`
+        "attributes": Bits(32),  # likewise
+        "colours": Bits(32),  # likewise; the SH codebook follows the colour codebook
+        "end": Bits(32),  # likewise
         "antialiased": Bits(1),  # opacities are compensated for the blur (`spec.compensation`)
         "spare": Bits(31),
         "reserved": Array(Bits(32), 2),
     },
 )
+"""First record of a packed model."""
 
 PLACED = ("positions", "attributes", "colours", "end")
-"""Parts of a model whose place its header tells; chunk headers follow the header."""
+"""Parts with an offset in the header; chunk headers follow the header directly."""
 
 CHUNK_HEADER = Record(
     "chunk_header",
     {
-        "origin": Array(Fixed(ORIGIN_BITS - 1, 0, signed=True), 3),
-        "shift": Array(Bits(5), 3),
-        "extent": Array(Bits(OFFSET_BITS - EXTENT_SHIFT), 3),
-        "reach": REACH,
-        "octant_end": Array(Bits(9), OCTANTS - 1),  # Gaussians of the chunk up to that octant
-        "harmonics": Bits(LAYOUT_BITS),  # one of `spec.colour.LAYOUTS`
-        "step": Array(Bits(STEP_BITS), DEGREES),
+        "origin": Array(Fixed(ORIGIN_BITS - 1, 0, signed=True), 3),  # grid steps
+        "shift": Array(Bits(5), 3),  # of offsets to the left, per axis
+        "extent": Array(Bits(OFFSET_BITS - EXTENT_SHIFT), 3),  # largest offset >> EXTENT_SHIFT
+        "reach": REACH,  # of the chunk's farthest-reaching Gaussian
+        "octant_end": Array(Bits(9), OCTANTS - 1),  # Gaussians in octants 0 … k, for k = 0 … 6
+        "harmonics": Bits(LAYOUT_BITS),  # index into `spec.colour.LAYOUTS`
+        "step": Array(Bits(STEP_BITS), DEGREES),  # s of each degree (`spec.colour`)
     },
 )
+"""Header of a chunk."""
 
 
 COLOUR_ENTRY = Record("colour", {"rgb": Array(COMPONENT, 3), "reserved": Bits(28)})
@@ -168,16 +166,18 @@ SH_ENTRY = Record("sh", {"g": Array(SLOPE, 9), "reserved": Bits(38)})
 """One entry of an SH codebook stage, 128 bits: G row by row (red·x, red·y, … blue·z)."""
 
 CODEBOOK_WORD = SH_ENTRY.size
-"""Bytes of a word of the codebook memory: an SH entry, or as many colour entries as fit, the first
-in the least significant bits. Both codebooks are copied there as they lie in DRAM."""
+"""Bytes per word of the codebook memory, into which both codebooks are copied unchanged. A word is
+one SH entry, or several colour entries, the first in the least significant bits."""
 
 
 @dataclass(frozen=True)
 class ModelFormat:
-    """Formats of a model's parts: everything but the number of Gaussians and of their beats.
+    """Formats of a model's parts: everything except its numbers of Gaussians and beats.
 
-    `colour_index` and `sh_index` hold the index bits of each codebook stage; there are none in
-    models in steps. `small`: attributes take half a beat.
+    sh_degree: highest degree of its harmonics
+    position: one of `POSITION_FORMATS`
+    colour_index, sh_index: index bits of each codebook stage; empty for models in steps
+    small: attributes take half a beat
     """
 
     sh_degree: int
@@ -193,12 +193,12 @@ class ModelFormat:
 
     @property
     def stored_bits(self) -> int:
-        """Bits of an offset that are stored."""
+        """Stored bits of an offset."""
         return SMALL_STORED_BITS if self.small else STORED_BITS
 
     @property
     def position_record(self) -> Record:
-        """One Gaussian's stored position; those of a chunk lie back to back."""
+        """One Gaussian's stored position; a chunk's positions are stored back to back."""
         format = Bits(self.stored_bits) if self.position == "chunk" else ABSOLUTE
         return Record("position", {axis: format for axis in "xyz"})
 
@@ -211,7 +211,7 @@ class ModelFormat:
 
     @property
     def stored_record(self) -> Record:
-        """What of it lies in memory: all, or in small models what `spec.small` makes it of."""
+        """The record as stored in DRAM: `attribute_record`, or its compact form (`spec.small`)."""
         if not self.small:
             return self.attribute_record
         fields: dict[str, Format] = {"exponent": SHARED_EXPONENT}
@@ -219,7 +219,7 @@ class ModelFormat:
         return self._filled(fields | {"opacity": SMALL_OPACITY}, SMALL_BITS)
 
     def _filled(self, fields: dict[str, Format], bits: int) -> Record:
-        """A record of so many bits of these fields and those of the colour."""
+        """Complete a record of `bits` bits with the fields of the colour."""
         for part, stages in (("colour", self.colour_index), ("sh", self.sh_index)):
             fields |= {f"{part}{stage}": Bits(own) for stage, own in enumerate(stages)}
         if not self.codebooks:
@@ -263,8 +263,7 @@ class ModelFormat:
         return words
 
     def layout(self, count: int, harmonics: int = 0) -> "Layout":
-        """Byte offsets of the parts of a model of `count` Gaussians with so many beats of harmonics
-        in all."""
+        """Return the offsets for `count` Gaussians with `harmonics` beats of harmonics in all."""
         chunks, rest = divmod(count, CHUNK)
         sizes = (
             HEADER.size,
@@ -291,19 +290,18 @@ class Layout:
 
 
 def model_format(config: Config, degree: int, small: bool = False) -> ModelFormat:
-    """The format in which a machine wants its compact or small models of that SH degree, 0 or 1."""
+    """Return a machine's format of compact or small models of SH degree 0 or 1."""
     indices = config.colour_index[degree], config.sh_index[degree]
     return ModelFormat(degree, config.position, *indices, small)
 
 
 def compact_degrees(config: Config) -> range:
-    """Degrees of the compact models that a machine renders."""
+    """Return the SH degrees of the compact models that a machine renders."""
     return range(min(config.sh_degree, COMPACT_DEGREE) + 1)
 
 
 def harmonics_bytes(config: Config) -> int:
-    """Bytes of the beats of harmonics of all slots of the projection: the codebook memory holds
-    them while a model in steps is rendered."""
+    """Bytes of all slots' harmonics, held in the codebook memory with models in steps."""
     if config.colours == "array" or not config.sh_degree:
         return 0
     most = max(layout.beats for layout in LAYOUTS)
@@ -311,10 +309,10 @@ def harmonics_bytes(config: Config) -> int:
 
 
 def step_format(config: Config, degree: int) -> ModelFormat:
-    """The format in which a machine wants models in steps of that SH degree."""
+    """Return a machine's format of models in steps of an SH degree."""
     return ModelFormat(degree, config.position, (), ())
 
 
 def chunk_count(count: int) -> int:
-    """Chunks that `count` Gaussians fill."""
+    """Return the number of chunks of `count` Gaussians."""
     return -(-count // CHUNK)

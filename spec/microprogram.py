@@ -1,23 +1,23 @@
-"""Microprograms: what a line means, and a program's steps and names.
+"""Microprograms: the syntax of their lines, and a program's steps and names.
 
-A line `name = …` makes one value, once. Products and sums run on the processing elements (PEs), a
-multiplier followed by an adder, each of which rounds; either can be bypassed:
+A line `name = …` computes one value, once. Products and sums run on the processing elements (PEs),
+each a multiplier followed by an adder, which both round; either can be bypassed:
 
     a * b        a * b + c        c - a * b        a + c        c - a
 
-The other steps have units of their own, of which there is one each:
+The other steps have units of their own, one of each:
 
     reciprocal(a)     1/a
-    rsqrt(a)           1/√a
+    rsqrt(a)          1/√a
     clamp(a, limit)   a within ± limit
     maximum(a, b)     the larger one
-    product(a, b)     and the others of `spec.compensation`, which are no floats of the arithmetic
+    product(a, b)     and the other units of `spec.compensation`, which are no floats of the
+                      arithmetic
 
-What no line makes is an input: one of `CONSTANTS`, which stay for a frame, or a field that comes
-with each item. Values are floats of `Config.arithmetic`, those of the cull programs of
-`spec.depth.finer`. Lines may stand in any order
-that makes a value before it is used; when each runs is decided in `spec.schedule`. The programs are
-in `spec.programs`.
+A name that no line computes is an input: one of `CONSTANTS`, which stay for a frame, or a field
+that comes with each item. Values are floats of `Config.arithmetic`; the cull programs have the
+finer floats of `spec.depth.finer`. A line must stand after the lines that compute its operands;
+`spec.schedule` decides when each step runs. The programs are in `spec.programs`.
 """
 
 import re
@@ -36,10 +36,10 @@ from splatcore.spec.programs import (
 )
 
 COMPENSATION_UNITS = ("product", "minor", "log", "log_sum", "fade")
-"""Units of machines that compensate (`spec.compensation`)."""
+"""Units of machines that compensate opacities (`spec.compensation`)."""
 
 UNITS = ("pe", "reciprocal", "rsqrt", "clamp", "maximum", *COMPENSATION_UNITS)
-"""Units that steps run on."""
+"""Units on which steps run."""
 
 PATTERNS = (
     (r"(?P<a>\w+) \* (?P<b>\w+)", "pe", False),
@@ -50,6 +50,7 @@ PATTERNS = (
     (r"(?P<unit>\w+)\((?P<a>\w+)(, (?P<b>\w+))?\)", None, False),
     (r"(?P<unit>minor)\((?P<a>\w+), (?P<b>\w+), (?P<c>\w+)\)", None, False),
 )
+"""Syntax of the right side of a line, its unit, and whether the product is subtracted."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Step:
     negate: bool = False  # subtract the product
 
     def __str__(self) -> str:
-        """The line that says it."""
+        """Return the line of this step."""
         if self.unit != "pe":
             return f"{self.name} = {self.unit}({', '.join(self.operands)})"
         product = f"{self.a} * {self.b}" if self.b else self.a
@@ -79,14 +80,14 @@ class Step:
 
     @property
     def operations(self) -> dict[str, int]:
-        """Multiplications, additions, reciprocals … in the step, as the paper counts them."""
+        """Multiplications, additions, reciprocals … of the step, counted as in the paper."""
         if self.unit != "pe":
             return {self.unit: 1}
         return {"multiply": int(self.b is not None), "add": int(self.c is not None)}
 
 
 def parse(text: str) -> tuple[Step, ...]:
-    """Steps of a program; ValueError, naming the line, for anything else than the lines above."""
+    """Return the steps of a program; raise ValueError, with the line, for any other syntax."""
     steps: list[Step] = []
     for number, line in enumerate(text.splitlines(), 1):
         line = line.partition("#")[0].strip()
@@ -110,7 +111,10 @@ def _parse_line(line: str, number: int, made: set[str]) -> Step:
 
 @dataclass(frozen=True)
 class Program:
-    """Steps and what goes in and out: names of values."""
+    """A program's steps and names.
+
+    outputs: names of the values that it returns
+    """
 
     name: str
     steps: tuple[Step, ...]
@@ -118,16 +122,18 @@ class Program:
 
     @property
     def made(self) -> set[str]:
+        """Names of the values that its steps compute."""
         return {step.name for step in self.steps}
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Operands that no step makes, in the order of their first use."""
+        """Operands that no step computes, in the order of their first use."""
         read = [operand for step in self.steps for operand in step.operands]
         return tuple(n for n in dict.fromkeys((*read, *self.outputs)) if n not in self.made)
 
     @property
     def constants(self) -> tuple[str, ...]:
+        """Inputs that stay for a frame."""
         return tuple(name for name in self.inputs if name in CONSTANTS)
 
     @property
@@ -138,18 +144,18 @@ class Program:
 
 @cache
 def program(name: str) -> Program:
-    """One of `TEXTS`, parsed."""
+    """Return one of `TEXTS`, parsed."""
     text, outputs = TEXTS[name]
     return Program(name, parse(text), tuple(outputs.split()))
 
 
 def culling(depth_interval: bool) -> Program:
-    """Stage 0's program: by the centre's depth, or by how far a Gaussian there can reach."""
+    """Return stage 0's program: it culls by the centre's depth, or by the reach of its chunk."""
     return program("cull" + "_interval" * depth_interval)
 
 
 def projection(config: Config) -> Program:
-    """Stage 1's program, with colours of models of `config.sh_degree` if the array makes them."""
+    """Return stage 1's program, with colours up to `sh_degree` if the array computes them."""
     [name] = (name for name, test in PROJECTIONS.items() if test == config.tile_test)
     shaded = "_sh" if config.sh_degree else "_flat"
     colour = shaded if config.colours == "array" else ""
@@ -158,19 +164,19 @@ def projection(config: Config) -> Program:
 
 
 def basis(config: Config) -> Program:
-    """The program of the polynomials that a machine of degree 1 or more makes beside the array."""
+    """Return the program of the colours' polynomials, for `colours` "beside" and degree ≥ 1."""
     return program(f"basis{config.sh_degree}")
 
 
 def constants(config: Config) -> tuple[str, ...]:
-    """Those of `CONSTANTS` that a machine is given."""
+    """Return the names in `CONSTANTS` that a machine uses as registers of the frame."""
     left_out = (*BASIS_CONSTANTS, *(SQUARE_CONSTANTS if config.tile_test == "exact" else ()))
     left_out += () if config.compensates else MODEL_CONSTANTS
     return tuple(name for name in CONSTANTS if name not in left_out)
 
 
 def operation_counts(steps: tuple[Step, ...]) -> dict[str, int]:
-    """Operations of a program by kind."""
+    """Return the number of operations of each kind."""
     counts = Counter()
     for step in steps:
         counts.update(step.operations)

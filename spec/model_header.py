@@ -1,4 +1,4 @@
-"""The header of a packed model: the model's format, and whether it contradicts itself."""
+"""The header of a packed model: the model's format, checked for contradictions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,17 +15,18 @@ from splatcore.spec.memory import HEADER, Layout, ModelFormat
 
 @dataclass(frozen=True, eq=False)
 class ModelHeader:
-    """A model of which at least the header is there. `name` is the file or scene that messages
-    speak of.
+    """A packed model, or at least its header.
+
+    name: file or scene, for error messages
     """
 
     image: np.ndarray  # uint8 [HEADER.size or more]
     name: str = ""
 
     def __post_init__(self):
-        """InputError, naming the field, for a header that contradicts itself."""
+        """Raise InputError, naming the field, for a header that contradicts itself."""
         if len(self.image) < HEADER.size or self.value("magic") != memory.MAGIC:
-            self.refuse("magic", "is not that of a packed model")
+            self.refuse("magic", "does not mark a packed model")
         if self.value("version") not in memory.VERSIONS:
             self.refuse(
                 "version",
@@ -47,9 +48,9 @@ class ModelHeader:
                 self.refuse(field, f"of {self.header[field].max()} bits is over 16")
         codebooks = self.format.codebooks
         if self.format.small and not codebooks:
-            self.refuse("small", "goes with codebooks only")
+            self.refuse("small", "is only for models with codebooks")
         if codebooks and degree > memory.COMPACT_DEGREE:
-            self.refuse("colour_index", f"names codebooks, which do not go with SH degree {degree}")
+            self.refuse("colour_index", f"names codebooks, which SH degree {degree} cannot have")
         if bool(self.header["sh_index"].any()) != (codebooks and degree > 0):
             self.refuse("sh_index", f"does not go with SH degree {degree}")
         least, most = EXPONENT_MIN, [EXPONENT_MAX] * DEGREES
@@ -63,7 +64,7 @@ class ModelHeader:
             self.refuse("colour_index", str(error))
 
     def refuse(self, field: str, why: str) -> NoReturn:
-        """The InputError of a field."""
+        """Raise the InputError of a field."""
         raise InputError(f"{self.name}: {field} {why}")
 
     @cached_property
@@ -72,19 +73,21 @@ class ModelHeader:
         return HEADER.unpack(self.image[: HEADER.size].reshape(1, -1))
 
     def value(self, field: str) -> int:
-        """A number of the header."""
+        """Return a number of the header."""
         return int(HEADER[field].decode(self.header[field])[0])
 
     def __len__(self) -> int:
+        """Return the number of Gaussians."""
         return self.value("count")
 
     @property
     def antialiased(self) -> bool:
-        """Whether opacities are compensated for the blur."""
+        """Whether opacities must be compensated for the blur."""
         return bool(self.value("antialiased"))
 
     @property
     def format(self) -> ModelFormat:
+        """Formats of the model's parts."""
         stages = {
             f: tuple(int(b) for b in self.header[f][0] if b) for f in ("colour_index", "sh_index")
         }
@@ -98,5 +101,5 @@ class ModelHeader:
         return [int(e) for e in HEADER["exponent"].decode(self.header["exponent"])[0]]
 
     def layout_of(self, harmonics: int) -> Layout:
-        """Byte offsets with so many beats of harmonics."""
+        """Return the byte offsets of the parts with `harmonics` beats of harmonics in all."""
         return self.format.layout(len(self), harmonics)

@@ -1,12 +1,12 @@
-"""Number formats: what a real number becomes in the machine, to the bit.
+"""Number formats: how a real number is represented in the machine, to the bit.
 
-A format is a frozen value object. `encode` rounds float64 values to codes, `decode` gives back
-what codes stand for, `round` is both. They take arrays of any shape and return the same shape.
-A *code* is an unsigned bit pattern of `width` bits in the smallest unsigned dtype that holds it:
-exactly what a wire carries. Nothing here rounds twice: every result is the exact real input
-rounded once, for every float64 (subnormals, ±inf and huge values included).
+A format is a frozen value object. `encode` rounds float64 values to codes, `decode` returns the
+values of codes, `round` does both. They take arrays of any shape and return the same shape. A
+*code* is an unsigned bit pattern of `width` bits in the smallest unsigned dtype that holds it: the
+bits on a wire. Nothing here rounds twice: every result is the exact real input rounded once, for
+every float64 (subnormals, ±inf and huge values included).
 
-Values are float64; codes outside 0 … 2^width − 1 raise ValueError, codes that are not integers
+Values are float64. Codes outside 0 … 2^width − 1 raise ValueError, codes that are not integers
 raise TypeError.
 """
 
@@ -19,19 +19,19 @@ Rounding = Literal["nearest-even", "floor", "ceiling"]
 Overflow = Literal["saturate", "infinity"]
 
 ROUNDING = {"nearest-even": np.rint, "floor": np.floor, "ceiling": np.ceil}
-"""Each rounding as a function from float64 to integral float64."""
+"""Rounding → function from float64 to integral float64."""
 
 BITS_MAX = 64
-"""Widest code: numpy has no wider integer."""
+"""Maximum width of a code, numpy's widest integer."""
 
 
 def code_dtype(width: int) -> np.dtype:
-    """The smallest unsigned dtype that holds `width` bits."""
+    """Return the smallest unsigned dtype that holds `width` bits."""
     return np.dtype(next(f"u{size}" for size in (1, 2, 4, 8) if width <= 8 * size))
 
 
 def checked_codes(codes: np.ndarray, width: int, name: str) -> np.ndarray:
-    """`codes` as an array of `code_dtype(width)`; raises, naming `name`, if one does not fit."""
+    """Return `codes` as `code_dtype(width)`; raise, naming `name`, if one does not fit."""
     codes = np.asarray(codes)
     dtype = code_dtype(width)
     if codes.dtype.kind not in "biu":
@@ -47,15 +47,16 @@ class Rounds:
     """A format that rounds by encoding and decoding."""
 
     def round(self, values: np.ndarray) -> np.ndarray:
-        """The value that the format holds in place of each value, float64 but for `Bits`."""
+        """Return the nearest values of the format: float64, except for `Bits`."""
         return self.decode(self.encode(values))
 
 
 @dataclass(frozen=True)
 class Bits(Rounds):
-    """Unsigned integers of `width` bits that stand for themselves: indices, masks, counts.
+    """Unsigned integers of `width` bits: indices, masks, counts.
 
-    `encode` refuses what does not fit, it never saturates; `decode` returns integers.
+    `encode` raises an error for values that do not fit, it never saturates; `decode` returns
+    integers.
     """
 
     width: int
@@ -65,11 +66,11 @@ class Bits(Rounds):
             raise ValueError(f"{self}: width is not in 1 … {BITS_MAX}")
 
     def encode(self, values: np.ndarray) -> np.ndarray:
-        """Integers as codes of the smallest unsigned dtype."""
+        """Return integers as codes of the smallest unsigned dtype."""
         return checked_codes(values, self.width, str(self))
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """The codes themselves."""
+        """Return the codes themselves."""
         return checked_codes(codes, self.width, str(self))
 
 
@@ -77,12 +78,14 @@ class Bits(Rounds):
 class Fixed(Rounds):
     """Fixed point: a two's complement (or unsigned) integer times 2^−fraction.
 
-    `integer` bits stand before the binary point and `fraction` bits after it; a sign bit comes on
-    top, so width = integer + fraction + signed. Either count may be negative, which scales the
-    point out of the word: Fixed(−4, 20) holds 16 bits worth 2^−20 … 2^−5, Fixed(20, −4) holds
-    16 bits worth 2^4 … 2^19.
+    integer: bits above the binary point
+    fraction: bits below the binary point
+    signed: one more bit for the sign, so width = integer + fraction + signed
 
-    `encode` saturates at both ends (negative values give 0 when unsigned, ±inf an end) and raises
+    integer or fraction may be negative, which moves the point out of the word: Fixed(−4, 20) holds
+    16 bits worth 2^−20 … 2^−5, Fixed(20, −4) holds 16 bits worth 2^4 … 2^19.
+
+    `encode` saturates at both ends (negative values become 0 if unsigned, ±inf an end) and raises
     ValueError on NaN. `decode` is exact up to 53 bits; wider codes round to the nearest float64.
     """
 
@@ -119,13 +122,13 @@ class Fixed(Rounds):
         return (2 ** (self.integer + self.fraction) - 1) * self.step
 
     def encode(self, values: np.ndarray) -> np.ndarray:
-        """Values as codes: rounded to a multiple of `step`, then saturated."""
+        """Return values as codes: rounded to a multiple of `step`, then saturated."""
         values = np.asarray(values, np.float64)
         if np.isnan(values).any():
             raise ValueError(f"{self} has no code for NaN")
         # value / step = mantissa · 2^scale, with |mantissa| in [0.5, 1). Below 2^−1 all values of
         # one sign round alike and above 2^width they all saturate, so clipping the scale changes
-        # no code; it keeps ldexp exact where it would underflow or overflow.
+        # no code; it keeps ldexp exact, which would else underflow or overflow.
         mantissa, exponent = np.frexp(values)
         scale = np.clip(exponent + self.fraction, -1, self.width + 1)
         steps = ROUNDING[self.rounding](np.ldexp(mantissa, scale))
@@ -137,7 +140,7 @@ class Fixed(Rounds):
         return codes.astype(code_dtype(self.width))
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """Values of codes, float64."""
+        """Return the values of codes, float64."""
         steps = checked_codes(codes, self.width, str(self)).astype(np.int64)
         if self.signed:
             sign = 1 << (self.width - 1)
@@ -153,17 +156,16 @@ class Float(Rounds):
     e = 0 it is worth f·2^−fraction · 2^(1 − bias). Rounding is to nearest, ties to even. The codes
     of non-negative values rise with the value, so a depth key may be compared as an integer.
 
-    overflow="infinity" is IEEE 754 to the letter: the highest e holds infinities and NaN, values
-    past the largest finite one by half a step or more become infinite, and −0 keeps its sign.
-    Every NaN becomes the one code with sign 0 and only the highest fraction bit set.
-    overflow="saturate" uses the highest e as one more binade: no infinity, no NaN (ValueError),
-    too large a value becomes the largest one. Zero has one code, 0: −0 and negative values that
-    round to zero give it as well, and the code of a sign alone, which `encode` never gives,
-    decodes to 0.
+    overflow="infinity" is IEEE 754 exactly: the highest e holds infinities and NaN, values past the
+    largest finite one by half a step or more become infinite, and −0 keeps its sign. Every NaN
+    becomes the one code with sign 0 and only the highest fraction bit set. overflow="saturate" uses
+    the highest e as one more binade: no infinity, no NaN (ValueError); larger values become the
+    largest one. Zero has one code, 0: −0 and negative values that round to zero also become 0. The
+    code with only the sign set, which `encode` never returns, decodes to 0.
 
-    subnormal=False drops the values with e = 0 but zero itself, as hardware without a normalising
-    shift has it: a value below `min_normal` rounds to the nearer of 0 and `min_normal`, and to 0
-    from half-way (both codes are even). Codes with e = 0 decode to zero whatever their fraction.
+    subnormal=False drops the values with e = 0 except zero itself, like hardware without a
+    normalising shift: a value below `min_normal` rounds to the nearer of 0 and `min_normal`, and to
+    0 from half-way (both codes are even). Codes with e = 0 decode to zero, whatever their fraction.
 
     signed=False has no sign bit: negative values, −inf too, become 0.
     """
@@ -206,12 +208,12 @@ class Float(Rounds):
 
     @property
     def min_normal(self) -> float:
-        """The smallest value of full relative precision."""
+        """The smallest value with full relative precision."""
         return 2.0 ** (1 - self.bias)
 
     @property
     def min_subnormal(self) -> float:
-        """The smallest positive value: `min_normal` where the format has no subnormal values."""
+        """The smallest positive value: `min_normal` if the format has no subnormal values."""
         return self.min_normal * (2.0**-self.fraction if self.subnormal else 1.0)
 
     @property
@@ -220,7 +222,7 @@ class Float(Rounds):
         return 2.0 ** -(self.fraction + 1)
 
     def encode(self, values: np.ndarray) -> np.ndarray:
-        """Values as codes, rounded to nearest, ties to even."""
+        """Return values as codes, rounded to nearest, ties to even."""
         values = np.asarray(values, np.float64)
         nan = np.isnan(values)
         if self.overflow == "saturate" and nan.any():
@@ -237,11 +239,11 @@ class Float(Rounds):
         return np.where(nan, quiet, codes).astype(code_dtype(self.width))
 
     def _encode_magnitude(self, magnitude: np.ndarray) -> np.ndarray:
-        """Codes of values ≥ 0, uint64; what NaN becomes has no meaning."""
-        # float64's largest finite value lies past the end of every format, as infinity does.
+        """Return the codes of values ≥ 0, uint64; the code of a NaN has no meaning."""
+        # float64's largest finite value is past the end of every format, like infinity.
         magnitude = np.where(np.isfinite(magnitude), magnitude, np.finfo(np.float64).max)
-        # Binade 0 is that of `min_normal`, [1, 2) · 2^(1 − bias), and whatever is below shares its
-        # step, 2^(1 − bias − fraction); each further binade doubles the step.
+        # Binade 0 begins at `min_normal`: [1, 2) · 2^(1 − bias). Smaller values share its step,
+        # 2^(1 − bias − fraction); each further binade doubles the step.
         _, exponent = np.frexp(np.maximum(magnitude, self.min_normal))  # [0.5, 1) · 2^exponent
         binade = exponent + (self.bias - 2)
         steps = np.rint(np.ldexp(magnitude, self.bias + self.fraction - 1 - binade))
@@ -254,7 +256,7 @@ class Float(Rounds):
         return np.minimum(codes, self._code_max + (self.overflow == "infinity"))
 
     def decode(self, codes: np.ndarray) -> np.ndarray:
-        """Values of codes, float64, exact."""
+        """Return the values of codes, float64, exact."""
         codes = checked_codes(codes, self.width, str(self)).astype(np.uint64)
         hidden = 1 << self.fraction
         fraction = codes & (hidden - 1)
@@ -267,7 +269,7 @@ class Float(Rounds):
             values = np.where(biased == (1 << self.exponent) - 1, special, values)
         if self.signed:
             values = np.where(codes >> (self.width - 1), -values, values)
-        # Only IEEE formats know −0; −0 + 0 = +0.
+        # Only IEEE formats have −0; −0 + 0 = +0.
         return values if self.overflow == "infinity" else values + 0.0
 
 
@@ -275,5 +277,7 @@ FP16 = Float(5, 10, overflow="infinity")
 """IEEE 754 binary16, numpy's float16."""
 
 FP24 = Float(7, 16, subnormal=False)
-"""17 significant bits from 2^−62 to 2^65, saturating, one zero. No subnormal values: a PE would be
-a tenth larger, and no picture needs them."""
+"""17 significant bits from 2^−62 to 2^65, saturating, one zero.
+
+No subnormal values: they would enlarge a PE by a tenth, and no picture needs them.
+"""

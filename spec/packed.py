@@ -1,4 +1,4 @@
-"""A packed model: the bytes that lie in DRAM, and what they stand for."""
+"""A packed model: its bytes in DRAM, and the Gaussians that they describe."""
 
 import zlib
 from dataclasses import dataclass
@@ -31,7 +31,12 @@ from splatcore.spec.small import expanded
 
 
 def offsets(stored: np.ndarray, octant_end: np.ndarray, bits: int) -> np.ndarray:
-    """Whole offsets [N, 3] from so many stored bits [N, 3] and the octant ends [C, 7]."""
+    """Return whole offsets [N, 3].
+
+    stored: [N, 3] stored bits
+    octant_end: [C, 7] from the chunk headers
+    bits: number of stored bits
+    """
     of, place = np.divmod(np.arange(len(stored)), CHUNK)
     octant = (place[:, None] >= octant_end[of]).sum(1)  # [N]
     top = octant[:, None] >> np.arange(3) & 1
@@ -39,7 +44,11 @@ def offsets(stored: np.ndarray, octant_end: np.ndarray, bits: int) -> np.ndarray
 
 
 def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Positions [N, 3] in grid steps, int64, from offsets [N, 3] and chunk headers."""
+    """Return positions [N, 3] in grid steps, int64.
+
+    offset: [N, 3] from the chunk's origin
+    origin, shift: [C, 3] from the chunk headers
+    """
     of = np.arange(len(offset)) // CHUNK
     return origin[of] + (offset << shift[of].astype(np.int64))
 
@@ -49,11 +58,11 @@ class PackedModel(ModelHeader):
     """The image of a model in DRAM."""
 
     def __post_init__(self):
-        """InputError, naming the field, unless the header describes the image."""
+        """Raise InputError, naming the field, unless the header describes the image."""
         super().__post_init__()
         refuse, degree, codebooks = self.refuse, self.value("sh_degree"), self.format.codebooks
         if len(self.image) < self.layout_of(0).positions:
-            refuse("count", f"{len(self)} has its chunk headers beyond the file's end")
+            refuse("count", f"{len(self)} needs chunk headers beyond the file's end")
         if codebooks and self.chunks["harmonics"].any():
             refuse("harmonics", "of a chunk do not go with codebooks")
         for k in np.unique(self.chunks["harmonics"]):
@@ -64,38 +73,42 @@ class PackedModel(ModelHeader):
             refuse("count", f"{len(self)} needs {expected} bytes but there are {len(self.image)}")
         for part in memory.PLACED:
             if self.value(part) * memory.ALIGNMENT != getattr(self.layout, part):
-                refuse(part, f"is said to be at {self.value(part) * memory.ALIGNMENT}")
+                refuse(part, f"{self.value(part) * memory.ALIGNMENT} is not where this part begins")
         if self.value("checksum") != checksum(self.image):
             refuse("checksum", "is wrong: the file is damaged")
 
     @cached_property
     def layout(self) -> Layout:
+        """Byte offsets of the parts."""
         counts = np.full(len(self.chunk_beats), CHUNK)
         counts[-1:] -= -len(self) % CHUNK
         return self.layout_of(int(counts @ (self.chunk_beats - 1)))
 
     @cached_property
     def chunk_beats(self) -> np.ndarray:
-        """Beats [C] of attributes of each of a chunk's Gaussians."""
+        """Beats [C] of attributes per Gaussian of each chunk."""
         return 1 + np.array([layout.beats for layout in LAYOUTS])[self.chunks["harmonics"]]
 
     @cached_property
     def beats(self) -> np.ndarray:
-        """The first beat [N] of each Gaussian's attributes, counted from their beginning on."""
+        """First beat [N] of each Gaussian's attributes, counted from the model's first."""
         if self.format.small:
             return np.arange(len(self)) // 2
         beats = np.repeat(self.chunk_beats, CHUNK)[: len(self)]
         return np.cumsum(beats) - beats
 
     def attribute_bursts(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First beats and numbers of beats in which the attributes of Gaussians lie, one burst
-        after the other. index [M], ascending: a small model's neighbours may share one."""
+        """Return first beats and lengths of the bursts that read the attributes of Gaussians.
+
+        index: [M] ascending; neighbours in a small model may share a beat, and then a burst
+        """
         if self.format.small:
             first = np.unique(index // 2)
             return first, np.ones_like(first)
         return self.beats[index], self.chunk_beats[index // CHUNK]
 
     def _records(self, record: Record, start: int, count: int) -> dict[str, np.ndarray]:
+        """Return the codes of `count` records at byte `start`."""
         part = self.image[start : start + count * record.size]
         return record.unpack(part.reshape(count, record.size))
 
@@ -114,19 +127,18 @@ class PackedModel(ModelHeader):
 
     @property
     def offsets(self) -> np.ndarray:
-        """Offsets [N, 3] from the chunk's origin, of models with chunk positions."""
+        """Offsets [N, 3] from the chunk's origin, for models with chunk positions."""
         ends, bits = self.chunks["octant_end"], self.format.stored_bits
         return offsets(self.stored_positions, ends, bits)
 
     def attribute_beats(self, index: np.ndarray) -> np.ndarray:
-        """Beats [M, 16] of attributes, uint8, by their numbers."""
+        """Return the beats [M, 16] of attributes with the given numbers, uint8."""
         part, size = self.image[self.layout.attributes :], memory.ATTRIBUTE_BITS // 8
         return part[: len(part) // size * size].reshape(-1, size)[index]
 
     @property
     def stored_attributes(self) -> np.ndarray:
-        """A Gaussian's first attributes as they lie in memory, uint8 [N, 16], or [N, 8] of small
-        models."""
+        """Each Gaussian's first attributes as stored: uint8 [N, 16], in small models [N, 8]."""
         if not self.format.small:
             return self.attribute_beats(self.beats)
         size = self.format.stored_record.size
@@ -134,13 +146,13 @@ class PackedModel(ModelHeader):
 
     @cached_property
     def attributes(self) -> dict[str, np.ndarray]:
-        """Codes of a Gaussian's first beat of attributes, by field [N]."""
+        """Codes [N] of each Gaussian's first beat of attributes, by field."""
         codes = self.format.stored_record.unpack(self.stored_attributes)
         return expanded(codes) if self.format.small else codes
 
     @property
     def position(self) -> np.ndarray:
-        """[N, 3] scene units, exact in float64."""
+        """Positions [N, 3], scene units, exact in float64."""
         return np.ldexp(self.grid.astype(np.float64), self.value("position_exponent"))
 
     @cached_property
@@ -164,14 +176,16 @@ class PackedModel(ModelHeader):
 
     @property
     def opacity(self) -> np.ndarray:
-        """[N]"""
+        """Opacities [N]."""
         record = self.format.attribute_record
         return np.exp2(-record["opacity"].decode(self.attributes["opacity"]))
 
     @property
     def factors(self) -> list[np.ndarray]:
-        """Factors of `spec.colour`'s polynomials, for each degree [N, k, 3]; of degree 0 the colour
-        without harmonics, less ½."""
+        """Factors [N, k, 3] of `spec.colour`'s polynomials, for each degree.
+
+        Degree 0 is the colour without harmonics, minus ½.
+        """
         if not self.format.codebooks:
             return self._steps()
         colour = self._codebook(0, self.layout.colours, memory.COLOUR_ENTRY, "rgb")
@@ -182,7 +196,7 @@ class PackedModel(ModelHeader):
         return found
 
     def _steps(self) -> list[np.ndarray]:
-        """Factors of a model in steps."""
+        """Return the factors of a model in steps."""
         found = [
             np.zeros((len(self), coefficient_count(d), 3)) for d in range(self.format.sh_degree + 1)
         ]
@@ -201,8 +215,11 @@ class PackedModel(ModelHeader):
     def harmonics(
         self, index: np.ndarray, layout: Harmonics
     ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
-        """Codes [M, k, 3] and shifts [M] of each degree from 1 on, of Gaussians `index` [M] of
-        chunks of that layout."""
+        """Return codes [M, k, 3] and shifts [M] of each degree from 1 on.
+
+        index: [M] Gaussians of chunks with this layout
+        layout: one of `LAYOUTS`
+        """
         beats = [
             record.unpack(self.attribute_beats(self.beats[index] + 1 + k))
             for k, record in enumerate(layout.records)
@@ -217,7 +234,7 @@ class PackedModel(ModelHeader):
         return {d: np.concatenate(parts, axis=1) for d, parts in codes.items()}, shifts
 
     def _codebook(self, degree: int, start: int, entry: Record, field: str) -> np.ndarray:
-        """The sums [N, D] of the entries that the attributes' indices choose."""
+        """Return the sums [N, D] of the codebook entries chosen by the attributes' indices."""
         part, stages = (
             ("sh", self.format.sh_index) if degree else ("colour", self.format.colour_index)
         )
@@ -231,21 +248,21 @@ class PackedModel(ModelHeader):
 
     @property
     def sh(self) -> np.ndarray:
-        """[N, (degree+1)², 3] in the order of 3DGS."""
+        """Coefficients [N, (degree+1)², 3] in the order of 3DGS."""
         return unfolded(self.factors)
 
     def gaussians(self) -> Gaussians:
-        """Exactly what the hardware sees."""
+        """Return the Gaussians exactly as the hardware reads them."""
         return Gaussians(self.position, self.factor, self.opacity, self.sh, self.antialiased)
 
     @property
     def bytes_per_gaussian(self) -> float:
-        """Bytes of the whole model but its codebooks, for each Gaussian."""
+        """Bytes per Gaussian of the whole model except its codebooks."""
         return (len(self.image) - self.format.codebook_bytes) / max(len(self), 1)
 
 
 def checksum(image: np.ndarray) -> int:
-    """CRC-32 of everything but the checksum itself."""
+    """Return the CRC-32 of everything except the checksum itself."""
     place = HEADER.offset("checksum") // 8
     start = zlib.crc32(image[:place].tobytes())
     return zlib.crc32(image[place + HEADER["checksum"].width // 8 :].tobytes(), start)

@@ -1,7 +1,7 @@
 """Records between the parts of stages 0 and 1.
 
-A chunk's values go to all parts that handle its points; its last point is passed on even if it is
-dropped (`kept` 0), so that each part knows when it is through with the chunk.
+A chunk's values go to all parts that handle its points. Its last point is passed on even if it is
+dropped (`kept` 0), so that each part sees the end of the chunk.
 """
 
 from splatcore.spec.colour import CHANNELS, unscaled_colour_format
@@ -26,26 +26,33 @@ BEATS_BITS = GAUSSIAN_BITS + 2
 """Width of a number of beats of attributes."""
 
 EXPONENT = Fixed(EXPONENT_MAX.bit_length(), 0, signed=True)
-"""Exponents of a model's header."""
+"""An exponent of a model's header."""
 
 AWAY = Fixed(CAMERA.integer + 1, 0, signed=True)
-"""A way from the camera in grid steps."""
+"""A component of the vector from the camera to a point, in grid steps."""
 
 FETCH = Record("fetch", {"number": Bits(NUMBER_BITS), "count": Bits(PLACE_BITS + 1)})
-"""A chunk whose points are to be read, and how many there are."""
+"""A chunk whose points are to be read.
+
+number: the chunk's number
+count: number of points
+"""
 
 WANTED = Record("wanted", {"beat": Bits(BEATS_BITS), "count": Bits(2)})
-"""A Gaussian's attributes that are to be read: the first beat, counted from the model's first, and
-how many beats, 1 … 3."""
+"""A Gaussian's attributes to be read.
+
+beat: first beat, counted from the model's first
+count: beats, 1 … 3
+"""
 
 
 def values(config: Config, names: str) -> dict[str, Format]:
-    """A number of `Config.arithmetic` for each name."""
+    """Return a field of `Config.arithmetic` for each name."""
     return {name: config.arithmetic for name in names.split()}
 
 
 def culling_record(config: Config) -> Record:
-    """A chunk's fields that stage 0 needs."""
+    """Fields of a chunk for stage 0."""
     fields: dict[str, Format] = {"count": Bits(PLACE_BITS + 1)}
     if config.position == "chunk":
         fields |= {name: CHUNK_HEADER[name] for name in ("origin", "shift", "octant_end")}
@@ -54,25 +61,37 @@ def culling_record(config: Config) -> Record:
 
 
 def placing_record(config: Config) -> Record:
-    """A chunk's fields that the guard band needs."""
+    """Fields of a chunk for the guard band."""
     return Record("placing", values(config, "margin_x margin_y"))
 
 
 def projecting_record() -> Record:
-    """A chunk's fields that stage 1 needs. attributes: beats of those of the chunks before it, or
-    half beats of a small model."""
+    """Fields of a chunk for stage 1.
+
+    attributes: first beat of its attributes, counted from the model's first; half beats in small
+        models
+    harmonics, step: from the chunk's header
+    """
     colour = {name: CHUNK_HEADER[name] for name in ("harmonics", "step")}
     return Record("projecting", {"attributes": Bits(BEATS_BITS)} | colour)
 
 
 def chunk_record(config: Config) -> Record:
-    """All of a chunk that is kept."""
+    """All fields of a chunk that is not skipped."""
     parts = (culling_record(config), placing_record(config), projecting_record(), FETCH)
     return Record("chunk", {part.name: part for part in parts})
 
 
 def point_record(config: Config, coordinates: str) -> Record:
-    """A point: what it is, the camera coordinates known, and its way from the camera."""
+    """A point between the parts of stages 0 and 1.
+
+    place: number in its chunk
+    last: last point of the chunk
+    kept: not dropped
+    z_low: low bits of its depth (`spec.depth`)
+    coordinates: its known camera coordinates, for example "x y z"
+    ray_x, ray_y, ray_z: vector from the camera
+    """
     flags = {"place": Bits(PLACE_BITS), "last": Bits(1), "kept": Bits(1)}
     fields = values(config, f"{coordinates} ray_x ray_y ray_z")
     return Record("point", flags | low_format(config) | fields)

@@ -1,7 +1,7 @@
-"""Presets by name, or from a TOML file: `base`, `name`, then fields of `Config` by their names.
+"""Presets by name, or from a TOML file: `base`, `name`, then fields of `Config` by name.
 
-base = "DEFAULT"     # whose fields hold where the file says nothing; DEFAULT if it is left out
-name = "small"       # letters, digits, _ and -; else the file's own name is taken
+base = "DEFAULT"     # preset with the other fields' values; DEFAULT if left out
+name = "small"       # letters, digits, _ and -; the file's name if left out
 rasterizers = 2
 arithmetic = "FP16"  # or a table of `Float`'s fields:
 depth = { exponent = 7, fraction = 14, signed = false, subnormal = false }
@@ -24,54 +24,56 @@ from splatcore.spec.memory import compact_degrees, harmonics_bytes, model_format
 from splatcore.spec.number import FP16, FP24, Float
 
 SUFFIX = ".toml"
+"""Suffix of a preset's file."""
 
 FLOATS = {"FP16": FP16, "FP24": FP24}
 """Formats that a file may name."""
 
 EXPONENT_BITS, FRACTION_BITS = (5, 8), (8, 17)
-"""Fewest and most bits of `Config.arithmetic`'s exponent and fraction."""
+"""Minimum and maximum bits of `Config.arithmetic`'s exponent and fraction."""
 
 PES_MIN = 2
-"""With fewer PEs colours would be wanted before they can be looked up."""
+"""With fewer PEs, colours would be needed before they can be looked up."""
 
 
 def find_preset(text: str) -> Config:
-    """The preset of that name in any case, else of that file; InputError if there is neither.
+    """Return the preset of a name, in upper or lower case, or of a file.
 
-    A name comes first: a file that is called like one is reached as ./NAME.
+    Raises InputError if neither exists. Names come first: write ./NAME for a file with a preset's
+    name.
     """
     if text.upper() in PRESETS:
         return PRESETS[text.upper()]
     if Path(text).exists() or text.lower().endswith(SUFFIX):
         return read_preset(text)
-    there = f"{', '.join(PRESETS)}, and files like machine{SUFFIX}"
-    raise InputError(f"preset '{text}': unknown (there are {there})")
+    known = f"{', '.join(PRESETS)}, or a file like machine{SUFFIX}"
+    raise InputError(f"preset '{text}': unknown; choose {known}")
 
 
 def read_preset(path: str | Path) -> Config:
-    """The machine that a file describes; InputError, naming file and key, if it describes none."""
+    """Return the machine of a TOML file; raise InputError, naming file and key, if invalid."""
     try:
         table = tomllib.loads(Path(path).read_bytes().decode())
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text") from None
+        raise InputError(f"{path}: is not UTF-8 text") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path}: is not TOML: {error or 'nested too deeply'}") from None
     if not table:
-        raise InputError(f"{path}: is empty, a preset has a field at least")
+        raise InputError(f"{path}: is empty; a preset sets at least one field")
     hints = get_type_hints(Config)
     _check_keys(str(path), table, ("base", *hints))
     base = table.pop("base", DEFAULT.name)
     if not isinstance(base, str) or base.upper() not in PRESETS:
-        raise InputError(f"{path}: base {base!r} is unknown (there are {', '.join(PRESETS)})")
+        raise InputError(f"{path}: base {base!r} is unknown; choose one of {', '.join(PRESETS)}")
     table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", Path(path).stem))
     values = {key: _value(hints[key], table[key], f"{path}: {key}") for key in table}
     name = values["name"]
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        raise InputError(f"{path}: name {name!r} is not of letters, digits, _ and -")
+        raise InputError(f"{path}: name {name!r} may only have letters, digits, _ and -")
     if name.upper() in PRESETS:
-        raise InputError(f"{path}: name {name!r} is that of a preset that is built in")
+        raise InputError(f"{path}: name {name!r} is the name of a built-in preset")
     try:
         config = replace(PRESETS[base.upper()], **values)
         check_buildable(config)
@@ -81,8 +83,11 @@ def read_preset(path: str | Path) -> Config:
 
 
 def changed(config: Config, values: dict[str, object], name: str = "own") -> Config:
-    """A machine with other values of some fields, named `name`; InputError, naming the field, for
-    one that is unknown, of another type, or of which no hardware can be made."""
+    """Return a machine named `name` with other values of some fields.
+
+    Raises InputError, naming the field, for an unknown field, a value of another type, or a machine
+    that cannot be built.
+    """
     hints = {key: hint for key, hint in get_type_hints(Config).items() if key != "name"}
     _check_keys("preset", values, hints)
     plain = {key: v.item() if isinstance(v, np.generic) else v for key, v in values.items()}
@@ -93,7 +98,7 @@ def changed(config: Config, values: dict[str, object], name: str = "own") -> Con
 
 
 def check_buildable(config: Config):
-    """InputError, naming a field, for number formats of which the hardware cannot be made."""
+    """Raise InputError, naming a field, for number formats that the hardware cannot have."""
 
     def refuse(field: str, why: str):
         raise InputError(f"preset {config.name}: {field} {why}")
@@ -110,9 +115,9 @@ def check_buildable(config: Config):
     for name, (large, beyond) in (bounds | {"burst": (("page",), 0)}).items():
         most = sum(getattr(config, field) for field in large) + beyond
         if (value := getattr(config, name)) > most:
-            refuse(name, f"{value} is above {most}, which follows from {large[0]}")
+            refuse(name, f"{value} is above {most}, the limit set by {large[0]}")
     if not arithmetic.signed:
-        refuse("arithmetic", "has no sign")
+        refuse("arithmetic", "must be signed")
     if config.pes * config.pe_arrays < PES_MIN:
         refuse("pes", f"{config.pes} in {config.pe_arrays} arrays are fewer than {PES_MIN}")
     for degree in compact_degrees(config):
@@ -122,33 +127,33 @@ def check_buildable(config: Config):
         except ValueError as error:
             refuse("colour_index or sh_index", f"do not fit: {error}")
         if wanted > config.codebook:
-            refuse("codebook", f"{config.codebook} bytes are below {wanted} of degree {degree}")
+            refuse("codebook", f"{config.codebook} bytes are below the {wanted} of degree {degree}")
     harmonics = harmonics_bytes(config)
     if harmonics > config.codebook:
         slots = config.projection_slots
-        refuse("codebook", f"{config.codebook} bytes are below {harmonics} for {slots} slots")
+        refuse("codebook", f"{config.codebook} bytes are below the {harmonics} of {slots} slots")
 
 
 def _check_keys(where: str, table: dict, known: Iterable[str]):
-    """InputError for a key that means nothing, with the one that may have been meant."""
+    """Raise InputError for an unknown key, and suggest a similar one."""
     known = tuple(known)
     for key in table:
         if key not in known:
             close = difflib.get_close_matches(key, known, 1)
             hint = f"; did you mean '{close[0]}'?" if close else ""
-            raise InputError(f"{where}: unknown key '{key}'{hint} (there are {', '.join(known)})")
+            raise InputError(f"{where}: unknown key '{key}'{hint} (known: {', '.join(known)})")
 
 
 def _value(hint, value, where: str):
-    """A value of TOML or Python as a field of a type; InputError, naming the field, for another."""
+    """Convert a value of TOML or Python to a field's type; raise InputError, naming the field."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
         if not isinstance(value, str) or value not in arguments:
             raise InputError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
         return value
-    if origin is tuple:  # of any number of elements of one type
+    if origin is tuple:  # any number of elements of one type
         if not isinstance(value, list | tuple):
-            raise InputError(f"{where}: {value!r} is no array")
+            raise InputError(f"{where}: {value!r} is not an array")
         return tuple(_value(arguments[0], item, f"{where}[{k}]") for k, item in enumerate(value))
     if is_dataclass(hint):
         if hint is Float and isinstance(value, str) and value in FLOATS:
@@ -159,18 +164,19 @@ def _value(hint, value, where: str):
     if hint is float and type(value) is int:
         return float(value)
     if type(value) is not hint:
-        raise InputError(f"{where}: {value!r} is no {NAMES.get(hint, hint)}")
+        raise InputError(f"{where}: {value!r} is not {NAMES.get(hint, hint)}")
     return value
 
 
-NAMES = {int: "integer", bool: "true or false", str: "string", float: "number"}
+NAMES = {int: "an integer", bool: "true or false", str: "a string", float: "a number"}
+"""Types in messages."""
 
 
 def _dataclass(kind: type, value, where: str):
-    """A dataclass from an inline table of its fields."""
+    """Return a dataclass from an inline table of its fields."""
     if not isinstance(value, dict):
-        some = f" and not one of {', '.join(FLOATS)}" if kind is Float else ""
-        raise InputError(f"{where}: {value!r} is no table of {kind.__name__}'s fields{some}")
+        some = f" nor one of {', '.join(FLOATS)}" if kind is Float else ""
+        raise InputError(f"{where}: {value!r} is not a table of {kind.__name__}'s fields{some}")
     hints = get_type_hints(kind)
     _check_keys(where, value, hints)
     for field in fields(kind):

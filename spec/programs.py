@@ -1,10 +1,10 @@
-"""The microprograms of stages 0 and 1, from a chunk's header to a splat, a line for each step.
+"""The microprograms of stages 0 and 1, from a chunk's header to a splat, one line per step.
 
-`spec.microprogram` says what a line may be. Lengths on the screen are in units of
+`spec.microprogram` has the syntax of a line. Lengths on the screen are in units of
 2^`Config.screen_exponent` pixels: x and y are camera coordinates times the focal length in such
-units, and the rows of the view rotation that belong to them likewise. Rows v turn scene units into
-camera coordinates, rows w units of 2^factor_exponent, in which L is. Rays are the ways from the
-camera to the points in world axes, exact on the model's grid (`spec.memory`) and rounded once.
+units, and so are their rows of the view rotation. Rows v turn scene units into camera coordinates,
+rows w units of 2^factor_exponent, the unit of L. Rays are the vectors from the camera to the points
+in world axes, exact on the model's grid (`spec.memory`) and rounded once.
 """
 
 from splatcore.spec.colour import BASIS_CONSTANTS, BASIS_OF, polynomials
@@ -16,8 +16,8 @@ margin_x = spread_x * chunk_reach
 margin_y = spread_y * chunk_reach
 
 # bounds of the points' camera coordinates. Each repeats the steps that its points will go through,
-# from the corner of the chunk in which it is least or most; as rounding keeps the order of numbers,
-# and the corners are CORNER_STEPS farther out, no point is beyond its chunk's bounds.
+# from the corner of the chunk with the lowest or highest value. As rounding keeps the order of
+# numbers, and the corners are CORNER_STEPS farther out, no point is beyond its chunk's bounds.
 x_low0 = vx0 * x_least0
 x_low1 = vx1 * x_least1 + x_low0
 x_low = vx2 * x_least2 + x_low1
@@ -62,7 +62,7 @@ bound_y = z * guard_y + margin_y
 """
 
 PERSPECTIVE = """
-# perspective: x/z and y/z, from the principal point on and limited for the Jacobian
+# perspective: x/z and y/z, plus the principal point, and clamped for the Jacobian
 z_inverse = reciprocal(z)
 slope_x = x * z_inverse
 slope_y = y * z_inverse
@@ -73,7 +73,7 @@ limited_y = clamp(slope_y, limit_y)
 """
 
 SKIPPING = """
-# J·W without its factor 1/z; J has two zeros, whose products are left out
+# J·W without its factor 1/z; products with J's two zeros are left out
 jx0 = wx0 - limited_x * wz0
 jx1 = wx1 - limited_x * wz1
 jx2 = wx2 - limited_x * wz2
@@ -205,9 +205,9 @@ lean = lean_width * width_rsqrt
 
 SQUARE = """
 # the original renderer's square, of half side radius = 3·√λ with the covariance's larger eigenvalue
-# λ = (xx + yy)/2 · (1 + spread), where spread = √((xx − yy)² + (2·xy)²) / (xx + yy). So all that is
-# squared is at most 1: FP16 would lose the squares of small splats' differences, and those of large
-# ones' would overflow. The least spread is a rounding of 1; the root of 0 would be infinite.
+# λ = (xx + yy)/2 · (1 + spread), where spread = √((xx − yy)² + (2·xy)²) / (xx + yy). So all squared
+# numbers are at most 1: in FP16 the squared differences of small splats would vanish, and of large
+# splats overflow. The minimum spread is a rounding of 1; the root of 0 would be infinite.
 trace = xx + yy
 trace_inverse = reciprocal(trace)
 difference = xx - yy
@@ -226,11 +226,11 @@ radius = radius_squared * radius_rsqrt
 """
 
 SHAPE = {"exact": EXTENTS + OUTLINE, "3sigma": EXTENTS + SQUARE}
-"""`Config.tile_test` → what follows from covariance and opacity. By the outline or the square
-binning finds the tiles that a splat touches; the rasterizer goes by the extents in either case."""
+"""`Config.tile_test` → lines of the splat's shape: extents for the rasterizer in either case, and
+the outline or the square by which binning finds its tiles."""
 
 COLOUR = """
-# length of the way from the camera
+# length of the ray from the camera
 length0 = ray_x * ray_x
 length1 = ray_y * ray_y + length0
 length2 = ray_z * ray_z + length1
@@ -256,44 +256,45 @@ CONSTANTS = (
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
     "power square_reach spread_least antialiased"
 ).split() + list(BASIS_CONSTANTS)
-"""Inputs that are alike for all items."""
+"""Inputs that are the same for all items."""
 
 SQUARE_CONSTANTS = ("square_reach", "spread_least")
-"""Those of them that only machines with the 3σ square need."""
+"""Constants that only machines with the 3σ square need."""
 
 CORNERS = {
     f"{axis}_{side}{k}": (f"v{axis}{k}", side)
     for axis, side in (("x", "least"), ("x", "most"), ("y", "least"), ("y", "most"), ("z", "most"))
     for k in range(3)
 }
-"""Fields of the chunk program → the constant that they are multiplied with, and whether the product
-is to be the least or the most: of the chunk's two ends along world axis k the one that makes it so.
-"""
+"""Field of the chunk program → the constant that multiplies it, and whether the product is the
+"least" or the "most": the field is the chunk's end along world axis k for which it is."""
 
 PROJECTED = {
     "exact": "u v z power_across shear power_along half_width half_height slope lean attenuation",
     "3sigma": "u v z power_across shear power_along half_width half_height radius attenuation",
 }
-"""`Config.tile_test` → outputs of the projection but the colours."""
+"""`Config.tile_test` → outputs of the projection, except colours."""
 
 COLOURS = ("colour_red", "colour_green", "colour_blue")
 SLOPES = tuple(f"g_{channel}_{axis}" for channel in ("red", "green", "blue") for axis in "xyz")
 """Fields that come from the codebooks."""
 
 CORNER_STEPS = 8
-"""Codes by which a chunk's ends are moved apart: z, which is found in finer numbers (`spec.depth`)
-and rounded once more, may be above the chunk's bound by 4.4 · 2^-17 of the products' sizes together
-(3 for the bound's roundings, 1 for z's last, ⅜ for finer ones), and a code is at least 2^-17."""
+"""Codes by which a chunk's ends are moved apart: z, computed in finer numbers (`spec.depth`) and
+rounded once more, may be above the chunk's bound by 4.4 · 2^-17 of the products' sizes together
+(3 for the bound's roundings, 1 for z's last, ⅜ for finer ones), and a code is at least 2^-17.
+"""
 
 COVARIANCE_OF = {
     "": PERSPECTIVE + SKIPPING + MOMENTS,
     "_dense": PERSPECTIVE + DENSE + MOMENTS + TRANSPOSED,
 }
+"""Suffix of a program's name → its lines up to the covariance."""
 COLOUR_OF = {"": ("", ""), "_flat": ("", " ".join(COLOURS)), "_sh": (COLOUR, "red green blue")}
-"""Lines and outputs of colours: made beside the array (none); in it, without and with harmonics."""
+"""Suffix → lines and outputs of colours: outside the array; in it without, and with, harmonics."""
 
 PROJECTIONS = {"project": "exact", "square": "3sigma"}
-"""First words of the projections' names → `Config.tile_test`."""
+"""First word of a projection's name → `Config.tile_test`."""
 
 TEXTS = {
     "chunk": (CHUNK, "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y"),
@@ -313,6 +314,6 @@ TEXTS |= {
 }
 TEXTS |= {f"basis{d}": (text, " ".join(polynomials(d))) for d, text in BASIS_OF.items()}
 """Name → lines and outputs, which may be inputs. Models without harmonics need no colour program;
-the dense programs multiply by zeros as well and give the same bits: they show what leaving them out
-saves. `square` is `project` for machines with the 3σ square. Machines that compensate opacities
-run the `antialiased` ones, for all models."""
+the dense programs also multiply by zeros and return the same bits, to show the savings of leaving
+them out. `square` is `project` for machines with the 3σ square. Machines that compensate opacities
+run the `antialiased` programs, for all models."""

@@ -5,24 +5,24 @@ centres of its first row and column),
 
     E(X, Y) = e + gx·X + gy·Y − cxx·X² + cxy·X·Y − cyy·Y²  =  log2(alpha)
 
-`golden.setup` and `hdl.raster.setup` make its coefficients: integers in units of
+`golden.setup` and `hdl.raster.setup` compute its coefficients: integers in units of
 2^−`Config.exponent_fraction`. From there on E is a polynomial of integers. The centres of a tile's
 blocks are at X = 2p, Y = 2q with p and q in −3, −1, 1, 3, and a block's pixels are as many half
 pixels from its centre (`STEPS`): E and its slopes there need sums of shifted numbers only.
 
-Lengths across the ellipse are divided by 2^k, those along it by 2^m, where k and m make the conic's
-factors at least 1/2 and below 2. So all products have factors of few bits, for needles and for
-splats larger than the image. A tile for which a number leaves its range is too far away: where
-alpha ≥ 1/255 somewhere in a tile, E ≥ −413 at its centre, as E's curvature is at most 2.41 and the
-centre is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a normalised length. Stage 1 sees to
-the curvature: no splat is thinner than the blur, whatever is lost of a needle, but for roundings,
-1 % with FP16's digits; there is room for 10 %.
+Lengths across the ellipse are divided by 2^k, lengths along it by 2^m, where k and m make the
+conic's factors at least 1/2 and below 2. So all products have factors of few bits, for needles and
+for splats larger than the image. A tile is too far away if a number leaves its range: if alpha
+≥ 1/255 somewhere in a tile, E ≥ −413 at its centre, as E's curvature is at most 2.41 and the centre
+is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a normalised length. Stage 1 limits the
+curvature: no splat is thinner than the blur, even a needle, except for roundings (1 % with FP16's
+digits); the numbers leave room for 10 %.
 
-**What is too faint to be seen** is not computed (`Config.faint`, (a, b, c); 3DGS has no such rule):
-a pixel with T < 2^−a skips a splat that would take less than 2^−b, T unchanged, and a splat that
-would leave less than 2^−c takes all of T and ends the pixel. So what is left out goes to what lies
-behind, or in front: all weights still sum to 1, and only those that come once T < 2^−a differ. The
-colour of a pixel is wrong by 2^−a of the range of its colours at most.
+**The faintness rule** skips invisible contributions (`Config.faint`, (a, b, c); 3DGS has no such
+rule). A pixel with T < 2^−a skips a splat that would take less than 2^−b, and keeps T. A splat that
+would leave less than 2^−c takes all of T and ends the pixel. So skipped weight goes to the splats
+behind, or in front: all weights still sum to 1, and only weights after T < 2^−a differ. The error
+of a pixel's colour is at most 2^−a of the range of its colours.
 """
 
 from dataclasses import replace
@@ -41,66 +41,70 @@ from splatcore.spec.record import Array, Format, Record
 from splatcore.spec.work import PIXEL
 
 BLOCKS = TILE // BLOCK
-"""Blocks along the side of a tile."""
+"""Blocks per side of a tile."""
 
 STEPS = tuple(range(1 - BLOCKS, BLOCKS, 2))
 """−3, −1, 1, 3: centres of a tile's blocks in steps of 2 pixels, and of a block's pixels in steps
 of half a pixel."""
 
 SHIFT = Bits(6)
-"""k, m and shifts that follow from them, from `SHIFT_MIN` on."""
+"""k, m and the shifts that follow from them, minus `SHIFT_MIN`."""
 
 SHIFT_MIN = -16
-"""No shift is below: k and m are at least −1, scale is at most `SCALE_MAX`."""
+"""Smallest shift: k and m are at least −1, scale is at most `SCALE_MAX`."""
 
 LEAN_INTEGER = 14
-"""Bits before the point of shear·dy, in units of 2^scale pixels; what is more is too far away."""
+"""Bits above the point of shear·dy, in units of 2^scale pixels; larger values are too far away."""
 
 LENGTH_INTEGER = 5
-"""Bits before the point of a normalised length."""
+"""Bits above the point of a normalised length."""
 
 SLOPE = Fixed(2, 16, signed=True)
 """shear / 2^k: below √(2 · 2.41) by the blur."""
 
 FACTOR_FRACTION = FACTOR.fraction + 1
-"""Bits below the point of a normalised factor, which so holds any factor exactly."""
+"""Fraction bits of a normalised factor, enough to hold any factor exactly."""
 
 MIXED_GUARD = 3
-"""Bits of factor·slope below those of E's second differences, which follow from it."""
+"""Additional fraction bits of factor·slope, from which E's second differences follow."""
 
 EXPONENT_INTEGER = 9
-"""Bits before the point of −E at a tile's centre."""
+"""Bits above the point of −E at a tile's centre."""
 
 GRADIENT_INTEGER = 7
-"""Bits before the point of E's slope at a tile's centre: at most 53 where the tile is reached."""
+"""Bits above the point of E's slope at a tile's centre: at most 53 if the splat reaches the tile.
+"""
 
 CURVATURE_INTEGER = 3
-"""Bits before the point of E's second differences."""
+"""Bits above the point of E's second differences."""
 
 POWER_SHIFTS = 8
-"""Halvings within the reach of alpha: 1/255 > 2^−8."""
+"""Halvings within the range of alpha: 1/255 > 2^−8."""
 
 HALVING_BITS = (POWER_SHIFTS - 1).bit_length()
-"""Width of their number."""
+"""Width of a number of halvings."""
 
 
 def mixed_shift(config: Config) -> int:
-    """Shift to the right of the product of a factor and a slope."""
+    """Return the right shift of the product of a factor and a slope."""
     return SLOPE.fraction + FACTOR_FRACTION - config.exponent_fraction - MIXED_GUARD
 
 
 def lean_unit(config: Config) -> int:
-    """Shift of shear·dy to the right to a length, for a shear of exponent 0."""
+    """Return the right shift that makes shear·dy a length, for a shear of exponent 0."""
     return SHEAR.fraction + POSITION.fraction - config.exponent_fraction
 
 
 def prepared_record(config: Config) -> Record:
-    """A splat as setup takes it, the same for all tiles.
+    """A splat prepared for setup, the same for all tiles.
 
-    u, v, scale: its centre. across, along: normalised factors; k and m. across_shift: k − scale,
-    along_shift: m − scale. shear, lean_shift: significand, and by how much the product of it and dy
-    is to be shifted to the right to be a length. slope: shear / 2^k. cxx, cxy, cyy: E's second
-    differences.
+    u, v, scale: its centre
+    across, along: normalised factors
+    k, m: powers of two by which lengths are divided
+    across_shift, along_shift: k − scale, m − scale
+    shear, lean_shift: significand; right shift that makes its product with dy a length
+    slope: shear / 2^k
+    cxx, cxy, cyy: E's second differences
     """
     factor = Bits(FACTOR_FRACTION + 1)
     fields = {"u": POSITION, "v": POSITION, "scale": Bits(SCALE_MAX.bit_length())}
@@ -118,7 +122,7 @@ def curvature_formats(config: Config) -> dict[str, Fixed]:
 
 
 def quadratic_record(config: Config) -> Record:
-    """E's coefficients; all but cxx and cyy are signed."""
+    """E's coefficients; all except cxx and cyy are signed."""
     integers = {"e": EXPONENT_INTEGER, "gx": GRADIENT_INTEGER, "gy": GRADIENT_INTEGER}
     fraction = config.exponent_fraction
     plane = {name: Fixed(integer, fraction, signed=True) for name, integer in integers.items()}
@@ -131,14 +135,15 @@ def tile_format(config: Config) -> Bits:
 
 
 SUM_INTEGER = COLOUR_INTEGER + 1
-"""Bits of a pixel's colour before the point: rounding up adds less than 2^(weight − sum_fraction)
-to what is a mean of colours."""
+"""Bits above the point of a pixel's colour, a mean of colours: rounding up adds less than
+2^(weight − sum_fraction)."""
 
 GROUP_BITS = 6
-"""Bits of a group's number by which parts of stage 3 know whether they are at the same group: more
-than there can be ends of groups on their way between them."""
+"""Bits of a group's number by which parts of stage 3 compare their groups: enough for all ends of
+groups in flight between them."""
 
 COLOURS = CHANNELS
+"""A splat's colour channels."""
 
 
 def colours(config: Config) -> dict[str, Fixed]:
@@ -147,15 +152,13 @@ def colours(config: Config) -> dict[str, Fixed]:
 
 
 def featured_record(config: Config) -> Record:
-    """The input of stage 3: a splat and the tiles of the group that it reaches; or (end 1) the end
-    of the group.
-    """
+    """The input of stage 3: a splat and its tiles of the group, or (end 1) a group's end."""
     mask = Bits(config.group**2)
     return Record("featured", {"splat": feature_record(config), "mask": mask, "end": Bits(1)})
 
 
 def readied_record(config: Config) -> Record:
-    """The same, prepared."""
+    """The same with the prepared splat."""
     mask = Bits(config.group**2)
     return Record("readied", {"splat": prepared_record(config), "mask": mask, "end": Bits(1)})
 
@@ -166,15 +169,15 @@ def position_record(config: Config) -> Record:
 
 
 def _place(config: Config, side: int) -> dict[str, Bits]:
-    """Column and row in the image of a square with sides of so many pixels."""
+    """Column and row in the image of a square of `side` × `side` pixels."""
     bits = Bits(max(((config.side_max - 1) // side).bit_length(), 1))
     return {"column": bits, "row": bits}
 
 
 def background_code(config: Config, colour):
-    """8 bits of a pixel of which a colour's code is all there is; of integers or hardware values.
+    """Return a pixel's 8 bits if only the background is visible; of integers or hardware values.
 
-    As stage 3 does it: the weight of a whole T, rounded to a pixel's colour, then to 8 bits.
+    Rounded as in stage 3: the weight of T = 1, rounded to a pixel's colour, then to 8 bits.
     """
     product = config.weight + config.colour_fraction - config.sum_fraction
     coarser = config.sum_fraction - 8
@@ -189,14 +192,13 @@ def pair_record(config: Config) -> Record:
 
 
 def around_record(config: Config) -> Record:
-    """E around a tile. far: it is too far away."""
+    """E around a tile; far: the tile is too far away."""
     fields = {"quadratic": quadratic_record(config), "far": Bits(1), "tile": tile_format(config)}
     return Record("around", fields | colours(config) | {"end": Bits(1)})
 
 
 def marked_record(config: Config, blocks: Format) -> Record:
-    """A pair with the blocks that it may reach: those that one rasterizer owns, or those of the
-    tile by their level (`mark_min`)."""
+    """A pair and the blocks that it may reach: of one rasterizer, or by level (`mark_min`)."""
     fields = {"quadratic": quadratic_record(config), "tile": tile_format(config)}
     fields |= {"blocks": blocks}
     return Record("marked", fields | colours(config) | {"end": Bits(1)})
@@ -208,24 +210,25 @@ def pixels_record(config: Config) -> Record:
 
 
 def exponent_min(fraction: int) -> int:
-    """E from which on alpha is at least 1/255, in units of 2^−fraction."""
+    """Return the lowest E with alpha ≥ 1/255, in units of 2^−fraction."""
     return int(np.ceil(np.log2(ALPHA_MIN) * 2.0**fraction))
 
 
 def mark_roundings(config: Config) -> int:
-    """What the roundings of a pixel's E can raise it, in units of 2^−exponent_fraction."""
+    """Upper bound of the rounding error of a pixel's E, in units of 2^−exponent_fraction."""
     most = max(STEPS)
-    roundings = 2 * most + 3 * most**2  # of its slopes and its second differences
+    roundings = 2 * most + 3 * most**2  # of its slopes and second differences
     finer = config.exponent_fraction - config.pixel_fraction
     return roundings << max(finer, 0)
 
 
 def mark_min(config: Config) -> tuple[int, ...]:
-    """E from which on a block is marked, in units of 2^−exponent_fraction, by its level: one is 0
-    as long as a pixel of it has T ≥ 2^−a (`Config.faint`), k from T < 2^−(a + k − 1) on.
+    """Marking thresholds of E, one per block level, in units of 2^−exponent_fraction. A block has
+    level 0 while any pixel has T ≥ 2^−a (`Config.faint`), and level k once all have T < 2^−(a +
+    k − 1).
 
-    With T < 2^−t a splat takes less than 2^−b where alpha < 2^−(b − t). Alpha 1/255 is taken for
-    2^−8, so that all differ by whole numbers.
+    With T < 2^−t a splat takes less than 2^−b if alpha < 2^−(b − t). Alpha 1/255 is taken as 2^−8,
+    so that all thresholds differ by whole numbers.
     """
     least = [-POWER_SHIFTS]
     if config.faint:
@@ -237,8 +240,8 @@ def mark_min(config: Config) -> tuple[int, ...]:
 
 @cache
 def power_table(config: Config) -> tuple[int, ...]:
-    """2^x in units of 2^−power_mantissa for x from −1 to 0, each for the middle of its step; about
-    the largest alpha at most. All are less than 1, and none less than 1/2.
+    """2^x in units of 2^−power_mantissa for x from −1 to 0, at the middle of each step, limited to
+    the largest alpha. All are less than 1, and none less than 1/2.
     """
     steps = 1 << config.power_fraction
     values = 2.0 ** ((np.arange(steps) + 0.5) / steps - 1)
@@ -247,7 +250,7 @@ def power_table(config: Config) -> tuple[int, ...]:
 
 
 def transmittance_min(config: Config) -> int:
-    """T below which a pixel ends, or all of T is taken; none is below 0."""
+    """Return the T below which a pixel ends, or all of T is taken; 0 if pixels never end."""
     if not config.early_termination:
         return 0
     if config.faint:
@@ -256,7 +259,7 @@ def transmittance_min(config: Config) -> int:
 
 
 def faint_rule(config: Config) -> tuple[float, float, float] | None:
-    """The rule for what is too faint as `spec.convention.Convention` has it: 2^−a, 2^−b, 2^−c."""
+    """Return the faintness rule of `spec.convention.Convention`: 2^−a, 2^−b, 2^−c; or None."""
     if not config.faint:
         return None
     from_, below, ends = (2.0**-places for places in config.faint)
@@ -264,8 +267,8 @@ def faint_rule(config: Config) -> tuple[float, float, float] | None:
 
 
 def owner(config: Config, block: int) -> tuple[int, int]:
-    """Rasterizer of a tile's block, and the block's number there. Neighbours go to different ones,
-    so that a small splat keeps several of them busy.
+    """Return the rasterizer of a tile's block, and the block's number there. Neighbours go to
+    different rasterizers, so that a small splat keeps several of them busy.
     """
     row, column = divmod(block, BLOCKS)
     columns = span_blocks(config)
@@ -275,24 +278,25 @@ def owner(config: Config, block: int) -> tuple[int, int]:
 
 
 def block_count(config: Config) -> int:
-    """Blocks of a group that a rasterizer owns."""
+    """Return the blocks per group that a rasterizer owns."""
     return config.group**2 * BLOCKS**2 // config.rasterizers
 
 
 def owned(config: Config, rasterizer: int) -> list[int]:
-    """A rasterizer's blocks of a tile, in the order of their numbers there."""
+    """Return a rasterizer's blocks of a tile, in the order of their numbers there."""
     pairs = [(owner(config, block), block) for block in range(BLOCKS**2)]
-    return [block for (who, _), block in sorted(pairs) if who == rasterizer]
+    return [block for (owning, _), block in sorted(pairs) if owning == rasterizer]
 
 
 def span_blocks(config: Config) -> int:
-    """Blocks side by side that are written together, one of each rasterizer: a span."""
+    """Return the blocks per span: neighbours in a row, written together, one of each rasterizer."""
     return min(config.rasterizers, BLOCKS)
 
 
 def spans_meet(config: Config) -> bool:
-    """Whether two spans side by side fill beats of the port of which they share one: then they are
-    written one after the other, and what the first has of that beat waits for the second."""
+    """Whether two neighbouring spans fill beats of the port and share one of them. Then they are
+    written one after the other, and the first waits with its part of that beat.
+    """
     size, beat = span_blocks(config) * BLOCK * PIXEL, port_bytes(config)
     several = config.group * BLOCKS > span_blocks(config)
     return several and size > beat and size % beat != 0 and 2 * size % beat == 0
@@ -304,9 +308,9 @@ def tiles_meet(config: Config) -> bool:
 
 
 def nth_block(config: Config, number: int):
-    """Which of a rasterizer's blocks of a group, tile after tile, is given out as the one of that
-    number; of integers or hardware values. Rows of blocks of two tiles side by side follow each
-    other where they share beats of the port (`tiles_meet`).
+    """Return which of a rasterizer's blocks of a group, tile after tile, is output as number
+    `number`; of integers or hardware values. If two neighbouring tiles share beats of the port
+    (`tiles_meet`), their rows of blocks follow each other.
     """
     if not tiles_meet(config):
         return number

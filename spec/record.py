@@ -1,8 +1,8 @@
-"""Records: what passes between stages and lies in memory, as fields of codes packed into bits.
+"""Records, packed bit fields: the data between stages and in memory.
 
-A `Record` names its fields in order and gives each a format; the first field takes the least
-significant bits, and so does element 0 of an `Array`, as Amaranth's `lib.data` lays them out. The
-hardware's layout, the testbench's words and the model's bytes all follow from the one object.
+A `Record` names its fields in order and gives each a format. The first field is in the least
+significant bits, and so is element 0 of an `Array`, as in Amaranth's `lib.data`. The hardware's
+layout, the testbench's words and the model's bytes all follow from the one object.
 
 Bits are little-endian throughout: bit k of a record or stream is bit k % 8 of byte k // 8.
 """
@@ -17,11 +17,12 @@ import numpy as np
 from splatcore.spec.number import Bits, Fixed, Float, checked_codes, code_dtype
 
 Codes = dict[str, "np.ndarray | Codes"]
-"""Codes of N records by field: [N] for a number; [N, length] for an `Array` of numbers, and one
-more axis for each further level; for a nested record a dict again, under the axes around it."""
+"""Codes of N records by field: [N] for a number; [N, length] for an `Array` of numbers, with one
+more axis per further level; for a nested record again a dict, below the axes around it.
+"""
 
 WORD = 64
-"""Bits of the words in which codes are put together."""
+"""Bits of the words in which codes are assembled."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Array:
 
     def __post_init__(self):
         if not isinstance(self.format, Format):
-            raise TypeError(f"an array of {self.format!r}, which is no format")
+            raise TypeError(f"an array of {self.format!r}, which is not a format")
         if self.length < 1:
             raise ValueError(f"an array of {self.length} elements")
 
@@ -42,11 +43,13 @@ class Array:
         return self.format.width * self.length
 
     def encode(self, values):
-        """Values [N, length] (a dict of such for an array of records) as codes, alike."""
+        """Return values [N, length] (for an array of records a dict of them) as codes of that
+        shape.
+        """
         return self.format.encode(values)
 
     def decode(self, codes):
-        """Values of codes [N, length]."""
+        """Return the values of codes [N, length]."""
         return self.format.decode(codes)
 
 
@@ -54,9 +57,11 @@ class Array:
 class Record:
     """Named fields, the first in the least significant bits.
 
-    `fields` is given as a dict and kept as a tuple of (name, format) pairs, so that records can be
-    compared (order counts) and hashed; `record[field]` is a field's format. Only nested records
-    and arrays may be wider than 64 bits: no number format is.
+    fields: a dict field → format, kept as a tuple of pairs, so that records can be compared
+        (order counts) and hashed
+
+    `record[field]` is a field's format. Only nested records and arrays may be wider than 64 bits:
+    no number format is.
     """
 
     name: str
@@ -71,7 +76,7 @@ class Record:
             if not field.isidentifier():
                 raise ValueError(f"{self.name}: field name {field!r} is not an identifier")
             if not isinstance(format, Format):
-                raise TypeError(f"{self.name}.{field}: {format!r} is no format")
+                raise TypeError(f"{self.name}.{field}: {format!r} is not a format")
         if len(dict(self.fields)) < len(self.fields):
             raise ValueError(f"{self.name}: two fields of one name")
 
@@ -84,7 +89,7 @@ class Record:
 
     @property
     def size(self) -> int:
-        """Bytes of a packed record; the bits above `width` in the last one are zero."""
+        """Bytes of a packed record; the bits above `width` in the last byte are zero."""
         return ceil(self.width / 8)
 
     @property
@@ -101,20 +106,20 @@ class Record:
         return self.offsets[field]
 
     def encode(self, values: dict) -> Codes:
-        """Real values by field as codes by field, each rounded as its format says."""
+        """Return real values by field as codes by field, rounded to each field's format."""
         _check_names(values, self, self.name)
         return {field: format.encode(values[field]) for field, format in self.fields}
 
     def decode(self, codes: Codes) -> dict:
-        """Values of the codes of each field."""
+        """Return the values of codes, by field."""
         _check_names(codes, self, self.name)
         return {field: format.decode(codes[field]) for field, format in self.fields}
 
     def pack(self, codes: Codes) -> np.ndarray:
-        """Codes of N records as bytes, uint8 [N, size].
+        """Return codes of N records as bytes, uint8 [N, size].
 
         Raises ValueError, naming record and field, for a code that does not fit, for a missing or
-        unknown field, and for a shape other than `Codes` says.
+        unknown field, and for any other shape than in `Codes`.
         """
         numbers = list(_numbers(self, codes, self.name))
         count = np.size(numbers[0].codes)
@@ -128,9 +133,10 @@ class Record:
         return _to_bytes(words, self.size)
 
     def unpack(self, data: np.ndarray) -> Codes:
-        """Bytes, uint8 [N, size], as codes of N records, each in the smallest unsigned dtype.
+        """Return bytes, uint8 [N, size], as codes of N records, each in the smallest unsigned
+        dtype.
 
-        The bits above `width` in the last byte are ignored. ValueError if the shape is another.
+        The bits above `width` in the last byte are ignored. Raises ValueError for any other shape.
         """
         if data.dtype != np.uint8 or data.ndim != 2 or data.shape[1] != self.size:
             shape = f"{data.dtype} {data.shape}"
@@ -139,11 +145,11 @@ class Record:
 
 
 Format = Bits | Fixed | Float | Array | Record
-"""Formats that a field may have."""
+"""Formats of a field."""
 
 
 def pack_bits(codes: np.ndarray, width: int) -> np.ndarray:
-    """Codes [N] of `width` (1 … 64) bits back to back, uint8 [⌈N·width/8⌉], zeros at the end."""
+    """Pack codes [N] of `width` (1 … 64) bits back to back: uint8 [⌈N·width/8⌉], padded with 0."""
     codes = checked_codes(codes, Bits(width).width, "pack_bits")
     if codes.ndim != 1:
         raise ValueError(f"pack_bits: codes of shape {codes.shape}, not [N]")
@@ -159,9 +165,9 @@ def pack_bits(codes: np.ndarray, width: int) -> np.ndarray:
 
 
 def unpack_bits(data: np.ndarray, width: int, count: int) -> np.ndarray:
-    """The first `count` codes of `width` bits in bytes, uint8 [M], smallest unsigned dtype.
+    """Return the first `count` codes of `width` bits in bytes, uint8 [M], smallest unsigned dtype.
 
-    What lies behind them is ignored (a burst's rest); ValueError if there are fewer.
+    Later bytes, the rest of a burst, are ignored. Raises ValueError if there are too few.
     """
     size = ceil(count * Bits(width).width / 8)
     if data.dtype != np.uint8 or data.ndim != 1 or len(data) < size:
@@ -176,7 +182,7 @@ def unpack_bits(data: np.ndarray, width: int, count: int) -> np.ndarray:
 
 
 class _Number(NamedTuple):
-    """One number of a record with its codes [N], wherever records and arrays hold it."""
+    """One number of a record with its codes [N], at any depth of records and arrays."""
 
     name: str  # record.field[element].field …
     offset: int
@@ -185,7 +191,7 @@ class _Number(NamedTuple):
 
 
 def _numbers(format: Format, codes, name: str, offset: int = 0) -> Iterator[_Number]:
-    """The numbers of a format, first to last, with their share of the codes."""
+    """Yield the numbers of a format, first to last, with their share of the codes."""
     if isinstance(format, Record):
         _check_names(codes, format, name)
         offsets = format.offsets
@@ -201,7 +207,7 @@ def _numbers(format: Format, codes, name: str, offset: int = 0) -> Iterator[_Num
 
 
 def _element(codes, k: int, length: int, name: str):
-    """Codes of element k: index k of axis 1, in every field of an array of records."""
+    """Return the codes of element k: index k of axis 1, in every field of an array of records."""
     if isinstance(codes, Mapping):
         return {f: _element(inner, k, length, f"{name}.{f}") for f, inner in codes.items()}
     codes = np.asarray(codes)
@@ -211,7 +217,7 @@ def _element(codes, k: int, length: int, name: str):
 
 
 def _codes(format: Format, words: np.ndarray, offset: int):
-    """The inverse of `_numbers`: the codes of a format at a bit offset of each record."""
+    """Return the codes of a format at a bit offset of each record; the inverse of `_numbers`."""
     if isinstance(format, Record):
         offsets = format.offsets
         return {f: _codes(inner, words, offset + offsets[f]) for f, inner in format.fields}
@@ -222,14 +228,14 @@ def _codes(format: Format, words: np.ndarray, offset: int):
 
 
 def _stack(elements: list):
-    """The inverse of `_element`: codes of all elements along axis 1."""
+    """Return the codes of all elements along axis 1; the inverse of `_element`."""
     if isinstance(elements[0], Mapping):
         return {f: _stack([element[f] for element in elements]) for f in elements[0]}
     return np.stack(elements, axis=1)
 
 
 def _check_names(by_field, record: Record, name: str):
-    """ValueError unless `by_field` is a dict of exactly the record's fields."""
+    """Raise ValueError unless `by_field` is a dict of exactly the record's fields."""
     if not isinstance(by_field, Mapping):
         raise ValueError(f"{name}: {type(by_field).__name__} instead of a dict of fields")
     odd = set(by_field) ^ set(dict(record.fields))
@@ -237,11 +243,11 @@ def _check_names(by_field, record: Record, name: str):
         raise ValueError(f"{name}: missing or unknown fields {', '.join(sorted(map(str, odd)))}")
 
 
-# Words are kept as [words of one record, N], so that one field of all records is contiguous.
+# Words are kept as [words of one record, N], so that a field of all records is contiguous.
 
 
 def _insert(words: np.ndarray, offset: int, width: int, codes: np.ndarray):
-    """Put codes [N] that fit in `width` bits into the words, which are still zero there."""
+    """Write codes [N] of `width` bits into words that are still zero there."""
     word, shift = divmod(offset, WORD)
     codes = codes.astype(np.uint64)
     words[word] |= codes << shift
@@ -250,7 +256,7 @@ def _insert(words: np.ndarray, offset: int, width: int, codes: np.ndarray):
 
 
 def _extract(words: np.ndarray, offset: int, width: int) -> np.ndarray:
-    """The codes [N] that `_insert` put there."""
+    """Return the codes [N] that `_insert` wrote."""
     word, shift = divmod(offset, WORD)
     codes = words[word] >> shift
     if shift + width > WORD:
@@ -259,13 +265,15 @@ def _extract(words: np.ndarray, offset: int, width: int) -> np.ndarray:
 
 
 def _to_bytes(words: np.ndarray, size: int) -> np.ndarray:
-    """The lowest `size` bytes of words [W, N], least significant first on any host, [N, size]."""
+    """Return the lowest `size` bytes of words [W, N], least significant first on any host, [N,
+    size].
+    """
     data = np.ascontiguousarray(words.T, "<u8").view(np.uint8)
     return np.ascontiguousarray(data[:, :size])
 
 
 def _from_bytes(data: np.ndarray) -> np.ndarray:
-    """Bytes [N, M] as words [⌈M/8⌉, N], zeros above."""
+    """Return bytes [N, M] as words [⌈M/8⌉, N], zeros above."""
     padded = np.zeros((len(data), ceil(data.shape[1] * 8 / WORD) * 8), np.uint8)
     padded[:, : data.shape[1]] = data
     return np.ascontiguousarray(padded.view("<u8").T.astype(np.uint64))

@@ -1,11 +1,13 @@
 """The register map: what the host writes and reads over AXI4-Lite, in words of 32 bits.
 
-Hardware, documentation, the C header and the testbench's names are all made from `register_map`.
+Hardware, documentation, the C header, SystemRDL and the testbench's names all come from
+`register_map`.
 
-A frame: write the frame's registers, then START to CONTROL while STATUS says READY. Its points are
-made from these registers, which are locked meanwhile; with READY again (and an interrupt) the next
-frame's may be written and started, while this one's tiles are rendered. FRAME tells that all its
-pixels are in memory. Numbers of `Config.arithmetic` are codes, as `spec.frame` rounds them.
+To render a frame, write the frame's registers, then START to CONTROL while STATUS has READY. The
+machine preprocesses the frame's points from these registers and locks them meanwhile. READY (with
+an interrupt) reports that the next frame may be written and started while this frame's tiles are
+rendered. INTERRUPT's FRAME reports that all pixels of a frame are in memory. Numbers of
+`Config.arithmetic` are codes, rounded as in `spec.frame`.
 """
 
 from dataclasses import dataclass
@@ -30,55 +32,65 @@ WORD = LITE_DATA_BITS // 8
 """Bytes from one register to the next."""
 
 Access = Literal["read", "write", "frame", "clear", "control"]
-"""read: cannot be written. write: read and written. frame: the same, but locked while points are
-made. clear: bits written as 1 are cleared. control: writing commands, reads as 0."""
+"""Access by the host.
+
+read: read only
+write: read and written
+frame: read and written, but locked while points are preprocessed
+clear: bits written as 1 are cleared
+control: written as commands, reads as 0
+"""
 
 START, ABORT = 1 << 0, 1 << 1
-"""CONTROL: begin a frame; give up all frames that have begun."""
+"""Bits of CONTROL: begin a frame; abort all frames that have begun."""
 
 READY, PREPROCESSING, RENDERING = 1 << 0, 1 << 1, 1 << 2
-"""STATUS: START is taken; points are being made; tiles are being rendered."""
+"""Bits of STATUS: START is accepted; points are preprocessed; tiles are rendered."""
 
 INTERRUPT_READY, INTERRUPT_FRAME, INTERRUPT_ERROR = 1 << 0, 1 << 1, 1 << 2
-"""INTERRUPT: READY has come; a frame is complete; ERROR says what went wrong."""
+"""Bits of INTERRUPT: READY has risen; a frame is complete; ERROR holds an error."""
 
 
 class ErrorCode(IntEnum):
     """An error, in the lowest 8 bits of ERROR; the first error stays until it is cleared."""
 
     NONE = 0
-    START = 1  # START while not READY: nothing was begun
-    LOCKED = 2  # a frame's register, the detail, was written while points were made: not changed
-    SIZE = 3  # width (detail 0; of all groups, too), height (1) or stride (2) cannot be
-    MAGIC = 4  # there is no packed model at MODEL
-    VERSION = 5  # the model's version is another one
+    START = 1  # START while not READY: no frame has begun
+    LOCKED = 2  # a frame's register (the detail) was written while locked: it keeps its value
+    SIZE = 3  # invalid width or too many groups (detail 0), height (1) or stride (2)
+    MAGIC = 4  # the address in MODEL holds no packed model
+    VERSION = 5  # the machine does not read models of this version
     FORMAT = 6  # the model's positions, colours or exponents do not fit this machine
     FEATURES = 7  # more than FEATURES_MAX splats touch the image
-    PAGES = 8  # LISTS_PAGES pages do not hold the lists; NEEDED says how many would
+    PAGES = 8  # the lists need more than LISTS_PAGES pages; NEEDED has their number
     READ = 10  # AXI read error; the detail is the reader
     WRITE = 11  # AXI write error; the detail is the writer
-    ALIGNMENT = 12  # an address is no multiple of what it has to be; the detail is its register
-    DEGREE = 13  # the model's SH degree, the detail, is above SH_DEGREE_MAX
-    STRAY = 14  # an AXI answer that nobody waits for, dropped: the bus is at fault; frames go on
-    RANGE = 15  # what begins at an address, the detail is its register, ends beyond 4 GiB
-    PARTS = 16  # the model's parts are out of order, or do not hold as many Gaussians as it says
+    ALIGNMENT = 12  # a misaligned address; the detail is its register
+    DEGREE = 13  # the model's SH degree (the detail) is above SH_DEGREE_MAX
+    STRAY = 14  # an unexpected AXI response, dropped: a fault of the bus; frames go on
+    RANGE = 15  # the area at an address ends beyond 4 GiB; the detail is the address's register
+    PARTS = 16  # the model's parts are out of order or too short for its number of Gaussians
 
 
 FRAME_BITS = 16
 """Width of the counts of frames."""
 
 CODE_BITS = 8
+"""Bits of ERROR's code, its lowest field."""
 DETAIL_BITS = 8
-"""ERROR: the code, above it the detail (`ErrorCode`; else 0). Registers as details are counted from
-the first one of a frame on."""
+"""Bits of ERROR's detail, above the code (`ErrorCode`; else 0).
+
+A register as a detail is counted from the first register of a frame.
+"""
 
 HALVES_AT, HALVES_BITS = CODE_BITS + DETAIL_BITS, 2
-"""ERROR, above the detail: a bit for each half (`spec.axi`) that has given up its frame by an
-error, this one or a later one, since ERROR was last written. ABORT sets none."""
+"""ERROR, above the detail: one bit per half (`spec.axi`), set if an error aborted the half's frame
+since ERROR was last written: the reported error or a later one. ABORT sets none.
+"""
 
 
 def split_error(value: int) -> tuple[ErrorCode, int, int]:
-    """Code, detail and halves of a value of ERROR."""
+    """Return code, detail and halves of a value of ERROR."""
     above, code = divmod(value, 1 << CODE_BITS)
     halves, detail = divmod(above, 1 << DETAIL_BITS)
     return ErrorCode(code), detail, halves
@@ -89,15 +101,19 @@ ALIGNED = {
     **dict.fromkeys(("GROUPS", "LISTS", "FEATURES", "WORK_AREA", "SCRATCH"), WORK_ALIGNMENT),
     "PIXELS": STRIDE_ALIGNMENT,
 }
-"""Registers of a frame whose value must be a multiple of so many bytes."""
+"""Registers of a frame that must be multiples of a number of bytes: name → bytes."""
 
 WIDE = 1 << 16
-"""VERSION: addresses have 64 bits, so that there are the registers of `high_registers`."""
+"""Bit of VERSION: addresses have 64 bits, so the registers of `high_registers` exist."""
 
 
 @dataclass(frozen=True)
 class Register:
-    """A word. value: what it reads as, if that never changes."""
+    """One register.
+
+    about: its meaning, for the documentation and the C and SystemRDL files
+    value: the value that it always reads as, if constant
+    """
 
     name: str
     width: int
@@ -107,49 +123,50 @@ class Register:
 
     @property
     def reset(self) -> int | None:
-        """What it reads as after a reset; None: what the machine has to tell then."""
+        """Value after a reset; None if it depends on the machine's state."""
         return self.value if self.access == "read" else 0
 
 
 def variable_constants(config: Config) -> list[str]:
-    """Constants of `spec.programs` that depend on the camera."""
+    """Return the constants of `spec.programs` that depend on the camera."""
     others = {*fixed_constants(config), *BASIS_CONSTANTS, *MODEL_CONSTANTS}
     return [name for name in CONSTANTS if name not in others]
 
 
 def control_registers(config: Config) -> list[Register]:
-    """Registers of every machine."""
+    """Return the registers of every machine."""
     size, most = config.width_max | config.height_max << 16, groups_max(config)
     side = TILE * config.group
-    about_groups = f"most groups of {side} x {side} pixels of an image, of any width and height"
-    version, about = VERSIONS[config.compensates], "newest version of packed models that it takes"
+    about_groups = f"maximum number of groups of {side} x {side} pixels per image"
+    version, about = (
+        VERSIONS[config.compensates],
+        "newest model version that the machine reads",
+    )
     if window_bits(config):
         version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
     return [
-        Register("ID", 32, "read", "says 'SPLT'", MAGIC),
+        Register("ID", 32, "read", "the letters SPLT", MAGIC),
         Register("VERSION", max(16, version.bit_length()), "read", about, version),
-        Register(
-            "PICTURE_MAX", 32, "read", "width, and height << 16, of the preset's own image", size
-        ),
-        Register("CONTROL", 2, "control", "START, ABORT"),
-        Register("STATUS", 3, "read", "READY, PREPROCESSING, RENDERING"),
-        Register("INTERRUPT", 3, "clear", "READY, FRAME, ERROR"),
-        Register("INTERRUPT_ENABLE", 3, "write", "which of them raise the interrupt"),
+        Register("PICTURE_MAX", 32, "read", "width, and height << 16, of the preset's image", size),
+        Register("CONTROL", 2, "control", "commands: START, ABORT"),
+        Register("STATUS", 3, "read", "state: READY, PREPROCESSING, RENDERING"),
+        Register("INTERRUPT", 3, "clear", "pending interrupts: READY, FRAME, ERROR"),
+        Register("INTERRUPT_ENABLE", 3, "write", "bits of INTERRUPT that raise the interrupt"),
         Register(
             "ERROR",
             HALVES_AT + HALVES_BITS,
             "clear",
-            f"code, detail << {CODE_BITS}, halves << {HALVES_AT}; any write clears",
+            f"code, detail << {CODE_BITS}, halves << {HALVES_AT}; any write clears it",
         ),
         Register("STARTED", FRAME_BITS, "read", "frames that have begun, modulo 2^16"),
         Register("FINISHED", FRAME_BITS, "read", "frames that are complete, modulo 2^16"),
-        Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame's points took"),
+        Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame needed"),
         Register("GROUPS_MAX", most.bit_length(), "read", about_groups, most),
     ]
 
 
 def frame_registers(config: Config) -> list[Register]:
-    """Registers of a frame."""
+    """Return the registers of a frame."""
 
     def address(name: str, about: str) -> Register:
         about = f"{about}, a multiple of {ALIGNED[name]}"
@@ -157,26 +174,31 @@ def frame_registers(config: Config) -> list[Register]:
 
     colour = colour_format(config).width
     registers = [
-        Register("WIDTH", config.side_max.bit_length(), "frame", "of the image, pixels"),
-        Register("HEIGHT", config.side_max.bit_length(), "frame", "of the image, pixels"),
+        Register("WIDTH", config.side_max.bit_length(), "frame", "image width, pixels"),
+        Register("HEIGHT", config.side_max.bit_length(), "frame", "image height, pixels"),
         address("MODEL", "address of the packed model"),
         address("GROUPS", "address of work area 0's table of groups"),
         address("LISTS", "address of work area 0's list pages"),
         address("FEATURES", "address of work area 0's features"),
         address("WORK_AREA", "bytes from work area 0 to work area 1"),
-        Register("LISTS_PAGES", PAGE_BITS, "frame", "list pages of a work area"),
-        Register("FEATURES_MAX", SPLAT_BITS, "frame", "features of a work area"),
+        Register("LISTS_PAGES", PAGE_BITS, "frame", "list pages per work area"),
+        Register("FEATURES_MAX", SPLAT_BITS, "frame", "features per work area"),
         address("SCRATCH", "address of scratch memory"),
         address("PIXELS", "address of the image"),
         Register(
             "STRIDE",
             STRIDE_BITS,
             "frame",
-            f"bytes from a row to the next, a multiple of {STRIDE_ALIGNMENT}",
+            f"bytes from one row to the next, a multiple of {STRIDE_ALIGNMENT}",
         ),
     ]
     registers += [
-        Register(f"BACKGROUND_{name.upper()}", colour, "frame", f"{name}, units of 2^-9·255/256")
+        Register(
+            f"BACKGROUND_{name.upper()}",
+            colour,
+            "frame",
+            f"background {name}, units of 2^-{config.colour_fraction}·255/256",
+        )
         for name in COLOURS
     ]
     registers += [
@@ -188,7 +210,7 @@ def frame_registers(config: Config) -> list[Register]:
         )
     ]
     number = config.arithmetic.width
-    registers.append(Register("NEAR_PLANE", number, "frame", "depth below which all is dropped"))
+    registers.append(Register("NEAR_PLANE", number, "frame", "points up to this depth are dropped"))
     for name in variable_constants(config):
         about = f"constant {name} of the projection"
         registers.append(Register(f"CONSTANT_{name.upper()}", number, "frame", about))
@@ -196,22 +218,24 @@ def frame_registers(config: Config) -> list[Register]:
 
 
 def high_registers(config: Config) -> list[Register]:
-    """Registers of a frame for the upper bits of its addresses, the last ones of a frame; none
-    where addresses have 32 bits."""
+    """Return the registers for the upper bits of a frame's addresses, the last ones of a frame.
+
+    Empty if addresses have 32 bits.
+    """
     bits = window_bits(config)
     names = [name for name in ALIGNED if name != "WORK_AREA"] if bits else []
-    about = "upper bits of {}, and of all that it is the begin of"
+    about = "upper bits of {} and of every address in its area"
     return [Register(f"{name}_HIGH", bits, "frame", about.format(name)) for name in names]
 
 
 def address_values(config: Config, name: str, address: int) -> dict[str, int]:
-    """Values of an address's registers."""
+    """Return the values of an address's registers by name."""
     high, low = divmod(address, 1 << ADDRESS_BITS)
     return {name: low} | ({f"{name}_HIGH": high} if window_bits(config) else {})
 
 
 def counter_registers(config: Config) -> list[Register]:
-    """Performance counters."""
+    """Return the registers of the performance counters."""
     return [
         Register(f"{stage.upper()}_{name.upper()}", COUNTER_BITS, "read", f"{stage}: {about}")
         for stage, names in counters(config).items()
@@ -220,11 +244,11 @@ def counter_registers(config: Config) -> list[Register]:
 
 
 FRAME_START, COUNTER_START = 0x100, 0x400
-"""Addresses of the first frame register and of the first counter."""
+"""Addresses of the first register of a frame and of the first counter."""
 
 
 def register_map(config: Config) -> dict[int, Register]:
-    """All registers by their address."""
+    """Return all registers by address."""
     found: dict[int, Register] = {}
     for start, registers in (
         (0, control_registers(config)),
@@ -233,18 +257,18 @@ def register_map(config: Config) -> dict[int, Register]:
     ):
         for k, register in enumerate(registers):
             if start + k * WORD in found:
-                raise ValueError(f"{config.name}: register {register.name} has no place")
+                raise ValueError(f"{config.name}: register {register.name} overlaps another")
             found[start + k * WORD] = register
     return found
 
 
 def addresses(config: Config) -> dict[str, int]:
-    """The address of each register by its name."""
+    """Return the address of each register by name."""
     return {register.name: address for address, register in register_map(config).items()}
 
 
 def camera_values(config: Config, frame: FrameConstants) -> dict[str, int]:
-    """Values of a camera's registers."""
+    """Return the values of a camera's registers by name."""
     mask = (1 << LITE_DATA_BITS) - 1
     found = {"NEAR_PLANE": int(config.arithmetic.encode(frame.near_plane))}
     for axis, value in zip("XYZ", frame.camera, strict=True):

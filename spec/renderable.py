@@ -1,4 +1,4 @@
-"""Which packed models a machine renders."""
+"""Compatibility of packed models with machines."""
 
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -7,12 +7,12 @@ from splatcore.spec.packed import PackedModel
 
 
 def check_renderable(config: Config, model: PackedModel):
-    """InputError, naming what does not fit, for a model that a machine cannot render."""
+    """Raise InputError, naming the reason, for a model that a machine cannot render."""
     format, preset = model.format, f"preset {config.name}"
     if model.antialiased and not config.compensates:
-        why = f"is of a scene trained with antialiasing, {preset} does not compensate opacities"
+        why = f"the scene was trained with antialiasing, {preset} does not compensate opacities"
         advice = f"splatcore pack SCENE --no-antialiased --preset {config.name} -o MODEL"
-        raise InputError(f"{model.name}: version {model.value('version')} {why}; repack: {advice}")
+        raise InputError(f"{model.name}: version {model.value('version')}: {why}; repack: {advice}")
     if format.sh_degree > config.sh_degree:
         why = f"has SH degree {format.sh_degree}, {preset} renders up to {config.sh_degree}"
     elif not format.codebooks and config.colours == "array":
@@ -20,10 +20,10 @@ def check_renderable(config: Config, model: PackedModel):
     elif format.position != config.position:
         why = f"has positions of the kind '{format.position}', {preset} '{config.position}'"
     elif format.small and not config.small_models:
-        why = f"has attributes in half a beat, {preset} reads whole ones only"
+        why = f"has attributes in half a beat, {preset} reads whole beats only"
     elif format.codebooks and format != model_format(config, format.sh_degree, format.small):
-        why = f"has codebooks of other sizes than those of {preset}"
+        why = f"has other codebook sizes than {preset}"
     else:
         return
     advice = f"splatcore pack SCENE --preset {config.name} -o MODEL"
-    raise InputError(f"{model.name}: {why}; make the model anew from its scene by: {advice}")
+    raise InputError(f"{model.name}: {why}; repack the scene: {advice}")

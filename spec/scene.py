@@ -1,4 +1,4 @@
-"""A scene as files hold it, and the Gaussians that a renderer sees."""
+"""A scene as stored in files, and the Gaussians that renderers take."""
 
 from dataclasses import dataclass, field, replace
 
@@ -7,22 +7,24 @@ import numpy as np
 from splatcore.spec.error import InputError
 
 ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
-"""Fields of a `Scene` that have a row for each Gaussian."""
+"""Fields of a `Scene` with one row per Gaussian."""
 
 
 def sh_count(degree: int) -> int:
-    """Number of spherical-harmonics coefficients per channel up to `degree`."""
+    """Return the number of spherical-harmonics coefficients per channel up to `degree`."""
     return (degree + 1) ** 2
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """N Gaussians in world space, float64: what every renderer of this project starts from.
+    """N Gaussians in world space, float64: the input of every renderer of this project.
 
-    The covariance is factor @ factor.T; `factor` is R·S of a scene file or the lower-triangular L
-    of a packed model. `sh` holds the real spherical-harmonics coefficients in the order of 3DGS
-    (degree 0, then 1: −y, z, −x, …); colour = Σ sh·basis + 0.5. `antialiased`: every renderer
-    multiplies opacities by √(det Σ / det(Σ + blur)), Σ a splat's 2D covariance (`spec.convention`).
+    factor: R·S of a scene file or the lower-triangular L of a packed model; the covariance is
+        factor @ factor.T
+    sh: real spherical-harmonics coefficients in the order of 3DGS (degree 0, then 1: −y, z, −x, …);
+        colour = Σ sh·basis + 0.5
+    antialiased: every renderer multiplies opacities by √(det Σ / det(Σ + blur)), Σ a splat's 2D
+        covariance (`spec.convention`)
     """
 
     position: np.ndarray  # [N, 3] scene units
@@ -35,7 +37,7 @@ class Gaussians:
         return len(self.position)
 
     def __getitem__(self, index) -> "Gaussians":
-        """The Gaussians that a numpy index (slice, mask or integers) selects."""
+        """Return the Gaussians that a numpy index (slice, mask or integers) selects."""
         arrays = (self.position, self.factor, self.opacity, self.sh)
         return Gaussians(*(array[index] for array in arrays), self.antialiased)
 
@@ -44,11 +46,14 @@ class Gaussians:
 class Scene:
     """A scene in the PLY frame of 3DGS with every activation applied (exp, sigmoid), float64.
 
-    Quaternions need not be normalised: `gaussians` does it (a zero quaternion is the identity, as
-    in the original). NaN and Inf may occur; packing drops and counts them. `notes` are lines that
-    the reader wants the user to see (anything odd in the file). `antialiased`: trained with opacity
-    compensation, and rendered with it; `mark` says where that is known from, empty if nothing says.
-    `assumed_axes`: those by which a file was read that does not state its own, else empty.
+    quaternion: not necessarily normalised (`gaussians` normalises it); zero is the identity, as in
+        the original
+    notes: lines about anything odd in the file, for the user
+    antialiased: trained with opacity compensation, and rendered with it
+    mark: the source of `antialiased`, empty if nothing states it
+    assumed_axes: axes by which the file was read if it does not state them, else empty
+
+    NaN and Inf may occur; packing drops and counts them.
     """
 
     position: np.ndarray  # [N, 3] scene units
@@ -83,22 +88,22 @@ class Scene:
         return int(np.sqrt(self.sh.shape[1])) - 1
 
     def __getitem__(self, index) -> "Scene":
-        """The Gaussians that a numpy index (slice, mask or integers) selects."""
+        """Return the Gaussians that a numpy index (slice, mask or integers) selects."""
         return replace(self, **{name: getattr(self, name)[index] for name in ARRAYS})
 
     def with_sh_degree(self, degree: int) -> "Scene":
-        """The scene with the coefficients above `degree` dropped."""
+        """Return the scene with the coefficients above `degree` dropped."""
         return replace(self, sh=self.sh[:, : sh_count(degree)])
 
     def gaussians(self) -> Gaussians:
-        """As a renderer needs them: factor = rotation matrix · diag(scale)."""
+        """Return the input of a renderer: factor = rotation matrix · diag(scale)."""
         rotation = rotation_matrix(self.quaternion)  # [N, 3, 3]
         factor = rotation * self.scale[:, None, :]
         return Gaussians(self.position, factor, self.opacity, self.sh, self.antialiased)
 
 
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z), normalised first."""
+    """Return rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z), normalised first."""
     with np.errstate(over="ignore", invalid="ignore"):  # infinite ones give NaN
         norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
         w, x, y, z = (quaternion / np.where(norm == 0, 1.0, norm)).T

@@ -1,14 +1,14 @@
-"""Modulo scheduling: when each step of a microprogram runs, and where its value waits.
+"""Modulo scheduling: the time of each step of a microprogram, and the registers of its values.
 
 A new Gaussian enters every `interval` cycles and several are in flight, so a step that runs at
 time t of its own Gaussian occupies its unit in phase t mod interval of every round. Steps do not
-depend on other Gaussians; placing them one after the other, each as late as its readers allow and
-where its unit is free, always succeeds with the smallest interval that the units' number permits.
-As late as possible keeps few values alive: sums take in more than they give out.
+depend on other Gaussians. Placing them one after the other, each as late as its readers allow and
+its unit is free, always succeeds with the smallest interval that the number of units permits. Late
+steps keep few values alive: sums have more inputs than outputs.
 
-A value leaves its unit for one cycle. If it is read later it waits in a register of that unit's
-bank, taken over in the same phase of every round; a value that waits longer than a round moves on
-to a second register. Registers of a bank are shared by values whose waiting times do not overlap.
+A unit outputs a value for one cycle. If it is read later it waits in a register of that unit's
+bank, loaded in the same phase of every round; a value that waits longer than a round moves on to a
+second register. Values whose waiting times do not overlap share the registers of a bank.
 """
 
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ from splatcore.spec.memory import COMPACT_DEGREE
 from splatcore.spec.microprogram import Program, Step, projection
 
 LATENCY_OF_CHOICE = 1
-"""Cycles of clamp and maximum."""
+"""Clock cycles of clamp and maximum."""
 
 LATENCY_OF_COMPENSATION = {"product": 3, "minor": 4, "log": 1, "log_sum": 2, "fade": 2}
-"""Cycles of the units of `spec.compensation`."""
+"""Clock cycles of the units of `spec.compensation`."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Wait:
-    """A register that holds a value: taken over at time `begin`, last read at time `end`."""
+    """A register that holds a value: loaded at time `begin`, last read at time `end`."""
 
     value: str
     begin: int
@@ -49,7 +49,14 @@ class Wait:
 
 @dataclass(frozen=True)
 class Schedule:
-    """All steps, in the order of their times, and all waits."""
+    """A program's schedule.
+
+    interval: cycles from one item to the next
+    places: all steps, in the order of their times
+    waits: all waiting values
+    latencies: unit → clock cycles
+    early: output → cycles from its read to `length`
+    """
 
     interval: int
     places: tuple[Place, ...]
@@ -60,7 +67,7 @@ class Schedule:
     early: tuple[tuple[str, int], ...]
 
     def read_time(self, output: str) -> int:
-        """When an output is read: at `length`, or so many cycles earlier as `early` says."""
+        """Return the time at which an output is read."""
         return self.length - dict(self.early).get(output, 0)
 
     @property
@@ -69,17 +76,17 @@ class Schedule:
         return len({(wait.bank, wait.register) for wait in self.waits})
 
     def first_round(self, names: tuple[str, ...]) -> int:
-        """The round in which the first of these values is read."""
+        """Return the round in which the first of these values is read."""
         times = [p.time for p in self.places if set(names) & set(p.step.operands)]
         return min(times, default=self.length) // self.interval
 
     def utilisation(self, units: int) -> float:
-        """Part of the PEs' cycles in which a step begins."""
+        """Return the share of the PEs' cycles in which a step begins."""
         return sum(place.step.unit == "pe" for place in self.places) / (units * self.interval)
 
 
 def latencies(config: Config) -> dict[str, int]:
-    """Clock cycles of each unit."""
+    """Return the clock cycles of each unit."""
     found = {"pe": config.multiply_latency + config.add_latency}
     found |= dict.fromkeys(("reciprocal", "rsqrt"), config.unary_latency)
     found |= dict.fromkeys(("clamp", "maximum"), LATENCY_OF_CHOICE)
@@ -87,35 +94,40 @@ def latencies(config: Config) -> dict[str, int]:
 
 
 PES = {"chunk": 1, "cull": 1, "cull_interval": 1, "place": 2}
-"""PEs of the arrays of stages 0 and 1; that of the projection is sized by `Config`."""
+"""PEs of the arrays of stages 0 and 1, except the projection's, which `Config` sets."""
 
 INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
-"""Cycles an item at least: memory brings a point every four cycles."""
+"""Minimum cycles per item: memory delivers a point every four cycles."""
 
 
 def basis_machine(config: Config) -> Config:
-    """The machine of the array that makes polynomials: numbers of `BASIS`, for which pipelines are
-    shorter; but an FPGA's table and multiplier blocks are as slow for these."""
+    """Return the machine of the array that evaluates the colours' polynomials.
+
+    Its numbers are `BASIS`, for which pipelines are shorter, except an FPGA's tables and multiplier
+    blocks.
+    """
     unary = config.unary_latency if config.logic == "fpga" else 2
     return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=3, unary_latency=unary)
 
 
 def colour_terms(config: Config) -> int:
-    """Cycles in which the colour of a Gaussian is summed beside the array: its terms; the base is
-    added to the first."""
+    """Return the cycles of a Gaussian's sum of colours outside the array: one per term.
+
+    The base is added to the first term.
+    """
     terms = sum(term.degree <= config.sh_degree for term in TERMS)
-    return max(terms, 2) if config.sh_degree else 1  # two are G's
+    return max(terms, 2) if config.sh_degree else 1  # two terms are G's
 
 
 def colour_cycles(config: Config) -> int:
-    """Cycles that a colour takes: its sum, or an entry of each codebook's stage and one more."""
+    """Return the cycles per colour: its sum, or one per codebook stage and one more."""
     degree = min(config.sh_degree, COMPACT_DEGREE)
     entries = len(config.colour_index[degree]) + len(config.sh_index[degree])
     return max(colour_terms(config), entries + 1)
 
 
 def pes(config: Config, program: Program) -> int:
-    """PEs of the array that runs a program: those of polynomials keep up with the projection."""
+    """Return the PEs of a program's array; polynomials keep up with the projection."""
     if program.name.startswith("basis"):
         steps = sum(step.unit == "pe" for step in program.steps)
         return -(-steps // schedule(config, projection(config)).interval)
@@ -124,7 +136,7 @@ def pes(config: Config, program: Program) -> int:
 
 @cache
 def schedule(config: Config, program: Program) -> Schedule:
-    """The schedule of a program on a machine's array for it."""
+    """Return the schedule of a program on a machine's array for it."""
     units = {unit: 1 for unit in latencies(config)} | {"pe": pes(config, program)}
     demand = {unit: sum(step.unit == unit for step in program.steps) for unit in units}
     interval = max(-(-demand[unit] // units[unit]) for unit in units)
@@ -142,8 +154,10 @@ def schedule(config: Config, program: Program) -> Schedule:
 
 
 def early_outputs(program: Program) -> dict[str, int]:
-    """Outputs that are read before the last ones, and how many cycles: polynomials, of which those
-    of a term are read in each cycle."""
+    """Return the outputs that are read before the last ones, and by how many cycles.
+
+    These are the polynomials: one term's polynomials are read per cycle.
+    """
     if not program.name.startswith("basis"):
         return {}
     terms = [term for term in TERMS if set(term.polynomials) <= set(program.outputs)]
@@ -151,7 +165,7 @@ def early_outputs(program: Program) -> dict[str, int]:
 
 
 def readers(steps: tuple[Step, ...]) -> dict[str, list[str]]:
-    """Names of the steps that read each value."""
+    """Return the names of the steps that read each value."""
     found: dict[str, list[str]] = {}
     for step in steps:
         for operand in set(step.operands):
@@ -166,8 +180,13 @@ def place_steps(
     interval: int,
     early: Mapping[str, int],
 ) -> tuple[Place, ...]:
-    """Times and units of all steps; the earliest begins at time 0. early: outputs that are to be
-    there so many cycles before the last."""
+    """Place all steps on units; the earliest begins at time 0.
+
+    units: unit → number of units
+    latency: unit → clock cycles
+    interval: cycles from one item to the next
+    early: output → cycles by which it must be ready before the last
+    """
     reading = readers(steps)
     time: dict[str, int] = {}  # counted backwards from the end
     number: dict[str, int] = {}
@@ -175,7 +194,7 @@ def place_steps(
     depth = depths(steps, latency)
     waiting = list(reversed(steps))
     while waiting:
-        # Of the steps whose readers all have a time, the one with the longest way to come first.
+        # Of the steps whose readers are all placed, take the one with the longest path before it.
         ready = [step for step in waiting if all(r in time for r in reading.get(step.name, []))]
         step = max(ready, key=lambda step: depth[step.name])
         waiting.remove(step)
@@ -194,7 +213,7 @@ def place_steps(
 
 
 def depths(steps: tuple[Step, ...], latency: dict[str, int]) -> dict[str, int]:
-    """Cycles from the inputs to the end of each step, were units unlimited."""
+    """Return the cycles from the inputs to the end of each step, with unlimited units."""
     depth: dict[str, int] = {}
     for step in steps:
         begin = max((depth.get(operand, 0) for operand in step.operands), default=0)
@@ -205,9 +224,9 @@ def depths(steps: tuple[Step, ...], latency: dict[str, int]) -> dict[str, int]:
 def place_waits(
     places: tuple[Place, ...], latency: dict[str, int], interval: int, outputs: dict[str, int]
 ) -> tuple[Wait, ...]:
-    """Registers for all values that are read later than in the cycle in which they appear.
+    """Return the registers of all values that are read after the cycle in which they appear.
 
-    outputs: when they are read.
+    outputs: output → time at which it is read
     """
     at = {place.step.name: place for place in places}
     reading = readers(tuple(place.step for place in places))

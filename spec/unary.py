@@ -12,20 +12,21 @@ and y − 1 is computed in units of the result's last place, 2^−F:
     fraction = ⌊sum / 2^point⌋ mod 2^(F+1)                  (2^F carries into the exponent)
 
 - The upper `index` bits of f, below p for rsqrt, select offset, slope and curve from tables.
-- `below` is the complement of the other `rest` bits of f: how far the end of the interval lies.
+- `below` is the complement of the other `rest` bits of f: the distance to the interval's end.
 - `square` is even about the interval's middle: the highest bit of those `rest` bits, if clear,
   complements the others; the upper `reach` bits of these are a; a·(a+1) loses its lowest
   2·`reach` − `square` bits. All terms are positive, and both functions fall and are convex.
-- `offset` holds half a unit, so that ⌊ ⌋ rounds to nearest; the sum wraps at 2^(F+1+point), and
+- `offset` includes half a unit, so that ⌊ ⌋ rounds to nearest; the sum wraps at 2^(F+1+point), and
   offsets are residues of it: the last ones may be below zero.
 
 Degree 2 has all three terms, degree 1 no curve, degree 0 only an offset for each f.
 
 **Results** are rounded once, to nearest, from `sum`. A biased exponent below 1 (format with
 subnormal values) shifts one place further right for each step, and (2^places − 1) · 2^(point−1)
-added to `sum` makes its half unit that of the shifted result. Formats without subnormal values
-give `min_normal` for results in (½, 1) · min_normal and 0 up to ½, as `Float.encode` does.
-Subnormal inputs count in full; without them inputs of biased exponent 0 are zeros.
+added to `sum` makes its half unit the half unit of the shifted result. Formats without subnormal
+values return `min_normal` for results in (½, 1) · min_normal and 0 up to ½, like `Float.encode`.
+Subnormal inputs count in full; formats without subnormal values read an input of biased exponent 0
+as zero.
 
 | input | overflow="saturate" | overflow="infinity" (IEEE 754-2019, 9.2) |
 |---|---|---|
@@ -35,7 +36,7 @@ Subnormal inputs count in full; without them inputs of biased exponent 0 are zer
 | 1/√+0, 1/√−0 | max, max | +∞, −∞ |
 | 1/√x, x < 0 | max, as for a zero that rounding made negative | NaN |
 | 1/√+∞ | | +0 |
-| NaN | | the NaN that `Float.encode` gives |
+| NaN | | the NaN of `Float.encode` |
 
 Saturating formats have one zero, 0: a result that rounds to −0 is 0. An input with only its sign
 set is a zero whose sign counts.
@@ -52,7 +53,7 @@ Both functions are monotone. Measured over every f (at both p):
 | rsqrt: index | 6 | 4 | 5 | 6 | 5 | 6 | 6 | 7 | 8 |
 | rsqrt: error | 0.494 | 0.690 | 0.704 | 0.705 | 0.684 | 0.722 | 0.723 | 0.720 | 0.760 |
 
-Coefficients come from integers alone: the same on every machine.
+Coefficients are computed from integers alone: the same on every host.
 """
 
 from dataclasses import dataclass
@@ -67,23 +68,23 @@ from splatcore.spec.number import Float
 Function = Literal["reciprocal", "rsqrt"]
 
 FRACTION_MIN, FRACTION_MAX = 3, 23
-"""Fraction widths. Below, rounding a subnormal result could carry past bit F of the sum; tables
-grow with 2^(F/3).
+"""Fraction widths. With fewer bits, rounding a subnormal result could carry past bit F of the sum;
+with more, tables would grow: they have about 2^(F/3) entries.
 """
 
 DEGREE_FRACTION = (6, 12)
 """Widest fractions for degree 0 and for degree 1: above, the next degree takes fewer gates."""
 
 FIT_POINTS = 1024
-"""At most so many points of an interval are looked at for its offset."""
+"""Maximum number of points per interval from which its offset is fitted."""
 
 FIT_BITS = 8
-"""Bits below the sum's last that the exact function is known to while fitting."""
+"""Bits of the exact function below the sum's last bit, while fitting."""
 
 
 @dataclass(frozen=True)
 class Datapath:
-    """Sizes of one function at one fraction width, in bits; see the module's text for each."""
+    """Sizes of one function at one fraction width, in bits; the module's docstring defines them."""
 
     function: Function
     fraction: int
@@ -102,29 +103,29 @@ class Datapath:
 
     @property
     def address(self) -> int:
-        """Bits that select an entry of the tables: those of rsqrt have p on top of the index."""
+        """Bits that select an entry of the tables; for rsqrt, p is above the index."""
         return self.index + (self.function == "rsqrt")
 
     @property
     def reach_drop(self) -> int:
-        """Bits of the distance from the middle that squaring does not see."""
+        """Low bits of the distance from the middle that are dropped before squaring."""
         return self.rest - 1 - self.reach
 
     @property
     def square_drop(self) -> int:
-        """Low bits that a·(a+1) loses."""
+        """Low bits of a·(a+1) that are dropped."""
         return 2 * self.reach - self.square
 
     @property
     def curve_shift(self) -> int:
-        """Bits that curve · square moves up to the sum's point."""
+        """Left shift of curve · square to the sum's point."""
         dropped = 2 * self.reach_drop + self.square_drop
         return self.point + dropped - self.curve_point - self.fraction
 
 
 @cache
 def datapath(function: Function, fraction: int) -> Datapath:
-    """The datapath of fewest gates, of those tried, whose error is below ¾ unit at 16 bits.
+    """Return the datapath with the fewest gates of those below, error below ¾ unit at 16 bits.
 
     Tables, multipliers and sum for 16 fraction bits, in NAND2-equivalents; error in units:
 
@@ -139,22 +140,22 @@ def datapath(function: Function, fraction: int) -> Datapath:
     degree = sum(fraction > widest for widest in DEGREE_FRACTION)
     if degree == 0:
         return Datapath(function, fraction, degree, index=fraction, guard=1, point=1)
-    # At 1.f = 1, where both bend most, y''/2 is 2 for the reciprocal and ¾ for rsqrt: the
+    # At 1.f = 1, where both curve most, y''/2 is 2 for the reciprocal and ¾ for rsqrt: the
     # intervals of rsqrt may be twice as long.
     steep = function == "reciprocal"
     index = -(-fraction // (3 if degree == 2 else 2)) + steep
     point = fraction - index + 1
     if degree == 1:
         return Datapath(function, fraction, degree, index, guard=2, point=point)
-    # At its end the curve's term is worth 2^(fraction − 2·index) times ½ unit (rsqrt: 0.19): from
-    # that many bits of distance and curvature an eighth of a unit is left uncertain.
+    # At its end the curve's term is worth 2^(fraction − 2·index) times ½ unit (rsqrt: 0.19): with
+    # these bits of distance and curvature its error is an eighth of a unit.
     reach = fraction - 2 * index + (3 if steep else 1)
     curve_point = reach - (3 if steep else 1)
     return Datapath(function, fraction, degree, index, 3, point, reach, reach, curve_point)
 
 
 class Coefficients(NamedTuple):
-    """Tables of a datapath: one integer ≥ 0 for each address."""
+    """Tables of a datapath: one integer ≥ 0 per address."""
 
     offset: tuple[int, ...]
     slope: tuple[int, ...]
@@ -163,13 +164,13 @@ class Coefficients(NamedTuple):
 
 @cache
 def coefficients(path: Datapath) -> Coefficients:
-    """Slope and curve through the Chebyshev nodes, offset midway between the largest errors."""
+    """Fit slope and curve through the Chebyshev nodes, offset midway between the largest errors."""
     rows = [_fit(path, address) for address in range(1 << path.address)]
     return Coefficients(*zip(*rows, strict=True))
 
 
 def _fit(path: Datapath, address: int) -> tuple[int, int, int]:
-    """Offset, slope and curve of one interval."""
+    """Return offset, slope and curve of one interval."""
     parity, index = divmod(address, 1 << path.index)
     end = (1 << path.rest) - 1
 
@@ -199,7 +200,7 @@ def _fit(path: Datapath, address: int) -> tuple[int, int, int]:
 
 
 def _terms(path: Datapath, slope: int, curve: int, rest: np.ndarray) -> np.ndarray:
-    """The sum without its offset, int64."""
+    """Return the sum without its offset, int64."""
     if not path.degree:
         return np.zeros_like(rest)
     linear = slope * ((1 << path.rest) - 1 - rest)
@@ -211,7 +212,7 @@ def _terms(path: Datapath, slope: int, curve: int, rest: np.ndarray) -> np.ndarr
 
 
 def _exact(function: Function, fraction: int, parity: int, value: int, below: int) -> int:
-    """⌊(y − 1) · 2^(fraction + below)⌋ for the significand (2^fraction + value) · 2^parity."""
+    """Return ⌊(y − 1) · 2^(fraction + below)⌋; significand (2^fraction + value) · 2^parity."""
     scale = fraction + below
     significand = (1 << fraction) + value << parity
     if function == "reciprocal":
@@ -224,7 +225,7 @@ def _exact(function: Function, fraction: int, parity: int, value: int, below: in
 def _exact_array(
     function: Function, fraction: int, parity: int, value: np.ndarray, below: int
 ) -> np.ndarray:
-    """The same of values [N], int64: by float64, but where that is too near an integer to tell."""
+    """The same for values [N], int64: from float64, or exactly if that is too near an integer."""
     scale = fraction + below
     inverse = 2.0**fraction / ((1 << fraction) + value << parity)
     y = np.ldexp(2 * inverse if function == "reciprocal" else np.sqrt(4 * inverse), scale)
@@ -235,15 +236,15 @@ def _exact_array(
 
 
 def _divide(numerator: int, denominator: int) -> int:
-    """The nearest integer to a quotient of positive numbers."""
+    """Return the nearest integer to a quotient of positive numbers."""
     return (2 * numerator + denominator) // (2 * denominator)
 
 
 def result_exponent(function: Function, format: Float, biased: np.ndarray) -> np.ndarray:
-    """Biased exponent of y's binade for a normalised input's; outside the format's if extreme.
+    """Return the biased exponent of y's binade; it may be outside the format's range.
 
-    Integers or arrays, of any sign: an input that was shifted by n places to normalise it counts
-    as 1 − n.
+    biased: biased exponent of the normalised input, an integer or an array, of any sign; an input
+        that was shifted by n places to normalise it has 1 − n
     """
     if function == "reciprocal":
         return 2 * format.bias - 1 - biased
@@ -251,18 +252,18 @@ def result_exponent(function: Function, format: Float, biased: np.ndarray) -> np
 
 
 def exponent_max(format: Float) -> int:
-    """Biased exponent of the largest finite value."""
+    """Return the biased exponent of the largest finite value."""
     return (1 << format.exponent) - 1 - (format.overflow == "infinity")
 
 
 def places_in(function: Function, format: Float) -> int:
-    """Most places by which an input is normalised: zero, or else its result overflows."""
+    """Return the maximum places to normalise an input; with more its result overflows."""
     places = range(1, 1 + format.fraction * format.subnormal)
     top = exponent_max(format)
     return sum(result_exponent(function, format, 1 - n) <= top for n in places)
 
 
 def places_out(function: Function, format: Float) -> int:
-    """Most places by which a result is shifted to become subnormal."""
+    """Return the maximum places to shift a subnormal result."""
     least = result_exponent(function, format, exponent_max(format))
     return max(0, 1 - least) if format.subnormal else 0

@@ -1,12 +1,12 @@
-"""A work area: memory in which a frame's first half leaves what its second half reads.
+"""Work areas: the memory through which a frame's first half passes data to its second half.
 
-The host gives two work areas, `WORK_AREA` bytes apart, which frames take in turn. Each has
+The host provides two work areas, `WORK_AREA` bytes apart, which frames take in turn. Each has
 
     groups' table │ list pages │ features
 
-each beginning at a multiple of `WORK_ALIGNMENT` (`Work`). Scratch memory for sorting long lists is
-apart, as only the second half uses it, and so is the image: rows of `STRIDE` bytes, a pixel red,
-green and blue, 8 bits each.
+each beginning at a multiple of `WORK_ALIGNMENT` (`Work`). The scratch memory for sorting long lists
+is separate, as only the second half uses it, and so is the image: rows of `STRIDE` bytes; a pixel
+is red, green and blue, 8 bits each.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,10 @@ from splatcore.spec.record import Record
 from splatcore.spec.sort import AREAS, BUCKETS, half_entries
 
 WORK_ALIGNMENT = BOUNDARY
+"""The parts of a work area begin at multiples of this many bytes."""
 
 SLOT = ENTRY_BITS // 8
-"""Bytes of an entry, and of a group in the table."""
+"""Bytes of an entry in a list, and of a group in the table."""
 
 FEATURE = BEAT
 """Bytes of a splat's features."""
@@ -31,20 +32,24 @@ PIXEL = 3
 """Bytes of a pixel."""
 
 STRIDE_BITS = 16
-"""Width of the bytes from a row of the image to the next."""
+"""Width of a stride: the bytes from one row of the image to the next."""
 
 STRIDE_ALIGNMENT = 32
 """Rows of the image begin at multiples of this many bytes: beats of the widest port."""
 
 
 def table_record() -> Record:
-    """A group in the table: first page and how many entries."""
+    """A group in the table.
+
+    page: its first page
+    count: number of entries
+    """
     spare = Bits(ENTRY_BITS - PAGE_BITS - COUNT_BITS)
     return Record("table", {"page": Bits(PAGE_BITS), "count": Bits(COUNT_BITS), "reserved": spare})
 
 
 def page_bytes(config: Config) -> int:
-    """Bytes of a list page."""
+    """Return the bytes of a list page."""
     return config.page * SLOT
 
 
@@ -59,22 +64,22 @@ class Work:
 
 
 def work(config: Config, pages: int, features: int) -> Work:
-    """A work area of that many list pages and features."""
+    """Return a work area for `pages` list pages and `features` features."""
     lists = aligned(groups_max(config) * SLOT)
     found = lists + aligned(pages * page_bytes(config))
     return Work(0, lists, found, found + aligned(features * FEATURE))
 
 
 def scratch_bytes(config: Config) -> int:
-    """Bytes of scratch memory, in which lists of any length are dealt into buckets."""
+    """Return the bytes of scratch memory, enough to deal lists of any length into buckets."""
     return aligned(AREAS * BUCKETS * half_entries(config) * SLOT)
 
 
 def aligned(size: int) -> int:
-    """The next multiple of `WORK_ALIGNMENT`."""
+    """Round a size up to a multiple of `WORK_ALIGNMENT`."""
     return -(-size // WORK_ALIGNMENT) * WORK_ALIGNMENT
 
 
 def stride(width: int) -> int:
-    """Least bytes from one row of an image to the next."""
+    """Return the minimum bytes from one row of an image to the next."""
     return -(-width * PIXEL // STRIDE_ALIGNMENT) * STRIDE_ALIGNMENT

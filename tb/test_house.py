@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tb.helpers import habits
 from tb.helpers.command import ROOT
 
 ROOMS = ("spec", "model", "golden", "hdl", "sim", "tb")
@@ -23,6 +24,9 @@ MAY_IMPORT = {
 }
 
 SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import in addition to the standard one
+
+RIDDLES = {"told", "tell", "tells", "how", "what", "who", "said", "thing"}
+"""Names that say nothing of what they hold."""
 
 FILE_LINES = 320
 FUNCTION_LINES = 60
@@ -171,3 +175,46 @@ def test_no_large_files():
     assert len(files) > 50
     for path in files:
         assert path.stat().st_size <= FILE_BYTES, path
+
+
+def riddles(syntax: ast.AST) -> set[str]:
+    """Names of `RIDDLES` that a syntax tree defines."""
+    names = {node.id for node in ast.walk(syntax) if isinstance(node, ast.Name)}
+    names |= {node.arg for node in ast.walk(syntax) if isinstance(node, ast.arg)}
+    names |= {node.attr for node in ast.walk(syntax) if isinstance(node, ast.Attribute)}
+    defined = (ast.FunctionDef, ast.ClassDef)
+    names |= {node.name for node in ast.walk(syntax) if isinstance(node, defined)}
+    return {name for name in names if name.lower().strip("_") in RIDDLES}
+
+
+@pytest.mark.parametrize("room", habits.ROOMS)
+def test_plain_words(room):
+    """No prose has a habit of `habits.REFUSED`."""
+    hits = [
+        f"{path.relative_to(ROOT)}:{line}: {habit}: {around}"
+        for path in habits.files(room)
+        if path.name != "habits.py"
+        for habit, line, around in habits.found(path, habits.REFUSED)
+    ]
+    assert not hits, "\n".join(hits)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_plain_names(room):
+    for path in sources(room):
+        assert not riddles(tree(path)), path.relative_to(ROOT)
+
+
+def test_refused_words_are_seen(tmp_path):
+    path = tmp_path / "words.py"
+    path.write_text(
+        '"""What a frame needs."""\n\n\ndef f(tell, who_else):\n'
+        '    # the user is told\n    text = "packed anew, 3 bytes a Gaussian"\n'
+        '    return f"one\'s own {text} scene"\n'
+    )
+    assert {habit for habit, _, _ in habits.found(path, habits.REFUSED)} == set(habits.REFUSED)
+    assert [line for _, line, _ in habits.found(path, habits.REFUSED)] == [1, 6, 6, 7, 5]
+    assert riddles(ast.parse(path.read_text())) == {"tell"}
+    page = tmp_path / "page.md"
+    page.write_text("```\nbe told\n```\nPacked anew.\n")
+    assert [line for _, line, _ in habits.found(page, habits.REFUSED)] == [4]

@@ -1,4 +1,4 @@
-"""Floating-point units of any width, bit for bit as `spec.number` and `spec.unary` say.
+"""Floating-point units of any width, bit for bit as in `spec.number` and `spec.unary`.
 
 May import: spec, hdl.lib.
 """

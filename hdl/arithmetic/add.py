@@ -11,20 +11,23 @@ from splatcore.hdl.lib.shift import shift_right_sticky
 from splatcore.spec.number import Float
 
 BELOW = 3
-"""Bits below the fraction that the smaller summand needs: after a subtraction that lost one leading
-bit there still are a guard bit and, below one more, the sticky bit."""
+"""Bits of the smaller summand below the fraction: after a subtraction that loses one leading bit,
+a guard bit, one more bit and the sticky bit are left."""
 
 
 class Add(wiring.Component):
     """o = a + b, rounded once.
 
-    Members
-        a, b: codes of `format`.
-        o: code of `format`.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Parameters:
+        format: of operands and result
+        latency: number of registers, or their places
 
-    **Timing**: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
-    Instead of their number it takes where the registers stand.
+    Members:
+        a, b: in, codes of `format`
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of `format`
+
+    **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
     def __init__(self, format: Float, latency: int | Registers):
@@ -39,15 +42,16 @@ class Add(wiring.Component):
 
     @staticmethod
     def _zeros(format: Float) -> int:
-        """Leading zeros of the sum that the rounder must know of."""
-        # A difference can lose all bits but the guard bit if the exponents differ by one at most:
-        # then there is nothing below that bit.
+        """Maximum number of leading zeros of the sum that the rounder must handle."""
+        # A difference can lose all bits except the guard bit if the exponents differ by at most
+        # one: then all bits below that bit are zero.
         return format.fraction + 2
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Cuts for registers: summands in order of magnitude, the smaller one aligned to the larger
-        one, sum made, and in `Round`."""
+        """Cuts for registers: summands ordered by magnitude, smaller one aligned, sum computed, and
+        the cuts of `Round`.
+        """
         rounding = Round.cuts(format, Add._zeros(format))
         return {"order": 14, "align": 18, "sum": 12} | rounding
 
@@ -71,10 +75,10 @@ class Add(wiring.Component):
 
         if self.registers["order"]:
             m.d.comb += distance.eq(large.exponent - small.exponent)
-        else:  # both differences are made while the summands are compared
+        else:  # both differences are computed while the summands are compared
             ahead, behind = a.o.exponent - b.o.exponent, b.o.exponent - a.o.exponent
             m.d.comb += distance.eq(Mux(less, behind, ahead))
-        # A zero still has its fraction. The larger summand's does no harm: it has no exponent.
+        # A zero still has its fraction. In the larger summand it does no harm: its exponent is 0.
         significand = small.significand
         if not format.subnormal:
             significand = Mux(significand[-1], significand, 0)
@@ -90,13 +94,13 @@ class Add(wiring.Component):
         return m
 
     def _add(self, total: Number, large: Number, small: Number, aligned: Value) -> list:
-        """Statements that make the sum."""
+        """Statements that compute the sum."""
         subtract = large.sign ^ small.sign
         shifted = Cat(Const(0, BELOW), large.significand)
         significand = shifted + (aligned ^ subtract.replicate(len(aligned))) + subtract
         carry = significand[len(aligned)] & ~subtract
         sign = large.sign
-        if self.format.overflow == "infinity":  # only there −0 is not 0: x − x is +0
+        if self.format.overflow == "infinity":  # such a format has −0, but x − x is +0
             zero = large.significand == aligned[BELOW:]
             if not self.format.subnormal:
                 zero |= ~large.significand[-1]
@@ -115,14 +119,18 @@ class Add(wiring.Component):
 class MultiplyAdd(wiring.Component):
     """The PE of the arrays: o = a · b + c, rounded after the multiplication and after the addition.
 
-    Members
-        a, b, c: codes of `format`, all of one item at once.
-        o: code of `format`.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Parameters:
+        format: of operands and result
+        latency: number of registers
 
-    **Timing**: one multiplier of `fraction` + 1 bits squared, an item per cycle, `latency` cycles:
-    any number, 0 is combinational. Registers stand where they cut the whole path best: product and
-    sum need not have their own.
+    Members:
+        a, b, c: in, codes of `format`, of the same item
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of `format`
+
+    **Timing**: one multiplier of `fraction` + 1 bits squared, one item per cycle, `latency` cycles:
+    any number, 0 is combinational. Registers are placed so that they cut the whole path best;
+    product and sum need not be registered.
     """
 
     def __init__(self, format: Float, latency: int):

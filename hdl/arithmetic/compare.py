@@ -9,7 +9,7 @@ from splatcore.spec.number import Float
 
 
 def compared(m: Module, name: str, format: Float, a: ValueLike, b: ValueLike) -> "Compare":
-    """A comparison in the same cycle, added to a module as `name`."""
+    """Add a combinational comparison to a module as submodule `name`."""
     m.submodules[name] = compare = Compare(format, 0)
     m.d.comb += [compare.a.eq(a), compare.b.eq(b), compare.enable.eq(1)]
     return compare
@@ -18,16 +18,15 @@ def compared(m: Module, name: str, format: Float, a: ValueLike, b: ValueLike) ->
 class Compare(wiring.Component):
     """less = a < b and equal = a = b; both are low if either is NaN. Zeros of both signs are equal.
 
-    Codes without their sign are ordered as the values are, so that one comparison of integers
-    is all it takes.
+    Codes without their sign are ordered as the values are, so one comparison of integers is enough.
 
-    Members
-        a, b: codes of `format`.
-        less, equal: one bit each.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Members:
+        a, b: in, codes of `format`
+        enable: in, the pipeline advances; while it is low all registers hold
+        less, equal: out, the results
 
-    **Timing**: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
-    All registers stand at the end.
+    **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
+    All registers are at the end.
     """
 
     def __init__(self, format: Float, latency: int):
@@ -57,7 +56,7 @@ class Compare(wiring.Component):
         return m
 
     def _magnitude(self, code: Value) -> Value:
-        """The code without its sign; that of zero is 0."""
+        """The code without its sign; 0 for a zero."""
         magnitude = code[: self.format.exponent + self.format.fraction]
         if self.format.subnormal:
             return magnitude

@@ -13,18 +13,18 @@ from splatcore.spec.number import Fixed, Float
 class Convert(wiring.Component):
     """o = i · 2^scale in another floating-point format, rounded once.
 
-    Members
-        i: code of `source`.
-        o: code of `target`; of a NaN 0, if that has none.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Members:
+        i: in, code of `source`
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of `target`; 0 for a NaN if `target` has none
 
-    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
     def __init__(self, source: Float, target: Float, latency: int, scale: int = 0):
         self.source, self.target = source, target
         self.rebias = target.bias - source.bias + scale
-        # Subnormal values that are so in the target as well remain as they are.
+        # Values that are subnormal in both formats are not normalised.
         normalise = self.rebias > 0 or not target.subnormal
         self.zeros = source.fraction + 1 if source.subnormal and normalise else 1
         self.registers = spread(latency, Round.cuts(target, self.zeros))
@@ -53,28 +53,33 @@ class Convert(wiring.Component):
 
 
 class FromFixed(wiring.Component):
-    """o = i as a float, times a power of two if there is a range of them, rounded once.
+    """o = i as a float, times a power of two if `scale` is given, rounded once.
 
-    Members
-        i: code of `fixed`.
-        scale: one of the range `scale`: o = i · 2^scale. Without a range there is no such port.
-        o: code of `format`.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Parameters:
+        fixed, format: of operand and result
+        latency: number of registers
+        scale: range of the exponents of the power of two
 
-    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
+    Members:
+        i: in, code of `fixed`
+        scale: in, only if the parameter `scale` is given: o = i · 2^scale
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of `format`
+
+    **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
     def __init__(self, fixed: Fixed, format: Float, latency: int, scale: range | None = None):
         self.fixed, self.format = fixed, format
         self.zeros = max(fixed.width - 1, 1)
         self.registers = spread(latency, {"magnitude": 10} | Round.cuts(format, self.zeros))
-        # The highest bit of the magnitude is the higher one before the rounder's binary point.
+        # The highest bit of the magnitude is the higher of the two before the rounder's point.
         self.exponent = fixed.width - 2 - fixed.fraction + format.bias
         self.exponents = range(self.exponent, self.exponent + 1)
         ports = {"i": In(fixed.width), "o": Out(format.width), "enable": In(1)}
         self.scaled = scale is not None
         if self.scaled:
-            # The rounder wants to know an exponent from 0 on, be it never reached.
+            # The rounder needs a range of exponents that includes 0, even if it is never reached.
             highest = max(self.exponent + scale[-1], 0)
             self.exponents = range(self.exponent + scale[0], highest + 1)
             ports["scale"] = In(Shape.cast(range(min(scale[0], -1), scale[-1] + 1)))
@@ -96,17 +101,21 @@ class FromFixed(wiring.Component):
 
 
 class ToFixed(wiring.Component):
-    """o = i in fixed point, rounded and saturated as `fixed` says; NaN becomes 0.
+    """o = i in fixed point, rounded and saturated as `fixed` specifies; NaN becomes 0.
 
-    Members
-        i: code of `format`.
-        scale: one of the range `scale`: o = i · 2^scale. Without a range there is no such port.
-        o: code of `fixed`.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Parameters:
+        format, fixed: of operand and result
+        latency: number of registers, or their places
+        scale: range of exponents, for a factor that is a power of two
 
-    Timing: no multiplier, an item per cycle, `latency` cycles: any number, 0 is combinational.
-    Registers stand where the significand is shifted and at the end. Instead of their number it
-    takes where they stand.
+    Members:
+        i: in, code of `format`
+        scale: in, only if the parameter `scale` is given: o = i · 2^scale
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of `fixed`
+
+    **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
+    Registers are behind the shift of the significand and at the end.
     """
 
     def __init__(
@@ -116,7 +125,7 @@ class ToFixed(wiring.Component):
         self.registers = spread(latency, {"shift": 16, "round": 16})
         ports = {"i": In(format.width), "o": Out(fixed.width), "enable": In(1)}
         exponents = operand(format).exponents
-        self.small = exponents[0]  # up to here significands may have leading zeros
+        self.small = exponents[0]  # up to this exponent significands may have leading zeros
         self.scaled = scale is not None
         if self.scaled:
             self.small += scale[-1]
@@ -134,8 +143,8 @@ class ToFixed(wiring.Component):
         exponent = Signal(Shape.cast(exponents))
         m.d.comb += exponent.eq(i.exponent + (self.scale if self.scaled else 0))
 
-        # Steps of the fixed-point number are the integer significand · 2^(exponent − unit). It is
-        # shifted to the right from where the exponent is `highest`: any larger one is too large.
+        # The number of steps is the integer significand · 2^(exponent − unit). It is shifted right
+        # from its place at exponent `highest`: any larger exponent is too large.
         unit = self.format.bias + self.format.fraction - self.fixed.fraction
         bits = self.fixed.integer + self.fixed.fraction
         highest = min(max(bits + unit - self.format.fraction, self.small), exponents[-1])
@@ -152,7 +161,7 @@ class ToFixed(wiring.Component):
         return m
 
     def _steps(self, significand: Value, left: int) -> Value:
-        """The significand · 2^left; behind the integer a guard bit and a sticky bit."""
+        """significand · 2^left, with a guard bit and a sticky bit below the integer."""
         significand = Cat(Const(0, max(left, 0)), significand)
         behind = max(-left, 0)
         significand = Cat(significand, Const(0, max(behind - len(significand), 0)))

@@ -1,7 +1,7 @@
-"""Unpacking, rounding and packing of floats: shared by all operations of `spec.number.Float`.
+"""Unpacking, rounding and packing of floats, shared by all operations of `spec.number.Float`.
 
-An operation unpacks its operands, computes on significands and exponents as integers, and leaves
-the result, exact or with a sticky bit for what is missing below, to the one rounder `Round`.
+An operation unpacks its operands, computes on significands and exponents as integers, and passes
+the result, exact or with a sticky bit for the missing bits below, to the one rounder `Round`.
 """
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, ValueLike
@@ -17,12 +17,13 @@ FLAGS = ("infinity", "nan")  # fields of a number in a format with such values
 
 
 class Unpacked(data.StructLayout):
-    """Layout of (−1)^sign · significand · 2^(exponent − bias), or of an infinity, or of NaN.
+    """Layout of (−1)^sign · significand · 2^(exponent − bias), an infinity, or NaN.
 
-    `exponents`: which values the biased exponent can take.
-    `width`: bits of the significand; how many of them stand before the binary point is the
-    business of who uses it.
-    `special`: whether there are infinities and NaN. If not, there are no flags for them.
+    Parameters:
+        exponents: values that the biased exponent can take
+        width: bits of the significand; how many of them are before the binary point is up to the
+            user
+        special: whether there are infinities and NaN, and so flags for them
     """
 
     def __init__(self, exponents: range, width: int, special: bool):
@@ -39,7 +40,7 @@ class Number(data.View):
     """A number in the layout `Unpacked`."""
 
     def __getattr__(self, name: str) -> Value | data.View:
-        """A field. An absent flag reads as zero, so that what depends on it vanishes."""
+        """A field. An absent flag reads as zero, so that logic behind it vanishes."""
         if name in FLAGS and not self.shape().special:
             return Const(0)
         return super().__getattr__(name)
@@ -52,10 +53,10 @@ class Number(data.View):
 
 
 def operand(format: Float) -> Unpacked:
-    """Layout of what codes of a format unpack to: one bit before the binary point.
+    """Layout of unpacked codes of a format: one bit of the significand before the binary point.
 
-    It is set but for subnormal values, whose exponent is 1 (it is what the code 0 stands for),
-    and zero. Without subnormal values only zero is left there, and its exponent does not matter.
+    That bit is set except for subnormal values, whose exponent is 1 (the code 0 stands for that),
+    and zero. Without subnormal values it is 0 only for zero, whose exponent does not matter.
     """
     exponents = range(int(format.subnormal), 1 << format.exponent)
     return Unpacked(exponents, format.fraction + 1, format.overflow == "infinity")
@@ -64,12 +65,14 @@ def operand(format: Float) -> Unpacked:
 class Unpack(wiring.Component):
     """Splits a float's code into sign, exponent and significand.
 
-    `clear`: whether to clear the fraction of a zero whose code has one, as it can have in a format
-    without subnormal values. If not, the integer bit alone tells that it is zero.
+    Parameters:
+        format: of the code
+        clear: whether to clear the fraction of a zero whose code has one, which is possible in a
+            format without subnormal values; if not, only the integer bit marks a zero
 
-    Members
-        i: code of `format`.
-        o: `operand(format)`.
+    Members:
+        i: in, code of `format`
+        o: out, `operand(format)`
 
     **Timing**: combinational.
     """
@@ -98,18 +101,24 @@ class Unpack(wiring.Component):
 
 
 class Round(wiring.Component):
-    """Normalises and rounds to nearest, ties to even; handles underflow and overflow; packs.
+    """Normalises, rounds to nearest with ties to even, handles underflow and overflow, and packs.
 
-    `layout` and `zeros` say which numbers can arrive, and only logic for these is built: a
-    significand with more than `zeros` leading zeros is zero, or too small to be normalised.
+    Only logic for the numbers that can arrive is built.
 
-    Members
-        i: the number, with two bits of the significand before the binary point. The lowest bit
-            may be sticky if `format.fraction` + 2 or more are behind the point.
-        o: code of `format`; NaN gives 0 where the format has none.
-        enable: the pipeline moves.
+    Parameters:
+        format: of the result
+        layout: of the numbers that can arrive
+        zeros: maximum leading zeros of the significand; one with more is zero, or too small to be
+            normalised
+        registers: number of registers at each cut
 
-    **Timing**: no multiplier, an item per cycle, latency is the sum of `registers`.
+    Members:
+        i: in, `layout`, the significand with two bits before the binary point; its lowest bit may
+            be sticky if `format.fraction` + 2 or more bits are behind the point
+        enable: in, the pipeline advances
+        o: out, code of `format`; 0 for a NaN if the format has none
+
+    **Timing**: no multiplier, one item per cycle; the latency is the sum of `registers`.
     """
 
     def __init__(self, format: Float, layout: Unpacked, zeros: int, registers: Registers):
@@ -119,14 +128,15 @@ class Round(wiring.Component):
 
     @staticmethod
     def cuts(format: Float, zeros: int) -> dict[str, int]:
-        """Cuts for registers: leading zeros counted; significand shifted and whether to round up
-        decided; code made."""
+        """Cuts for registers: leading zeros counted; significand shifted and rounding decided; code
+        packed.
+        """
         shift = {"shift": 13 if zeros > 1 or format.subnormal else 5}
         return ({"count": 10} if zeros > 1 else {}) | shift | {"round": 10}
 
     @staticmethod
     def width(format: Float, zeros: int) -> int:
-        """The significand's bits that it can bring into the result, and a sticky one below."""
+        """Bits of the significand that can affect the result, with a sticky bit below."""
         return format.fraction + 3 + _reach(zeros)
 
     def elaborate(self, platform) -> Module:
@@ -139,11 +149,11 @@ class Round(wiring.Component):
         return m
 
     def _leading_zeros(self, m: Module) -> Value:
-        """The number of bits to shift to the left."""
+        """Number of bits to shift to the left."""
         top = Signal(self.zeros)
         m.d.comb += top.eq(self.i.significand[-self.zeros :])
         if self.format.subnormal:
-            # A one at the last place whose exponent is not below the smallest ends the count.
+            # A one at the last place whose exponent is not below the minimum ends the count.
             exponent = self.i.exponent
             for zeros, bit in enumerate(reversed(top)):
                 underflows = exponent <= 0 if zeros == 0 else exponent == zeros
@@ -152,17 +162,17 @@ class Round(wiring.Component):
         return leading_zeros(m, top)
 
     def _normalised(self, m: Module, i: Number, left: Value) -> tuple[Value, Value, Value]:
-        """Biased exponent, in two parts: the adder that rounds adds one more bit. And significand.
+        """Biased exponent, in two parts (the adder that rounds adds one more bit), and significand.
 
         The significand is left with its integer bit, the fraction, a guard bit and a sticky bit.
         Subnormal values, whose exponent is 0, and zero have no integer bit.
         """
-        # A shift to the left by `left` is one to the right by `reach` − `left`, the complement,
-        # from a place that is `reach` bits further to the left.
+        # A shift to the left by `left` equals one to the right by `reach` − `left`, the complement,
+        # of a value placed `reach` bits further to the left.
         kept, reach = self.format.fraction + 2, _reach(self.zeros)
         right = ~left
         if self.format.subnormal and self.layout.exponents[0] < 0:
-            # Then `left` is 0; by `reach` − exponent.
+            # Then `left` is 0: shift by `reach` − exponent.
             right = Mux(i.exponent < 0, ~i.exponent + (reach + 1), right)
         far_left = sticky(i.significand, kept + reach)
         significand = shift_right_sticky(m, far_left, right.as_unsigned(), kept + 1)
@@ -177,23 +187,24 @@ class Round(wiring.Component):
         return exponent, more, significand
 
     def _decided(self, exponent: Value, more: Value, significand: Value) -> tuple[Value, ...]:
-        """Whether to round up, and whether any bit is set below the integer bit, in place of the
-        guard bit and the sticky bit."""
+        """Replace guard and sticky bit by two bits: round up; some bit below the integer bit is
+        set.
+        """
         lost, guard, rest = significand[0], significand[1], significand[2:]
         return exponent, more, rest, guard & (lost | rest[0]), significand[:-1].any()
 
     def _rounded(
         self, m: Module, exponent: Value, more: Value, significand: Value, up: Value, below: Value
     ) -> tuple[Value, Value]:
-        """Code of the magnitude, bits above it being set if it is too large; whether it is zero."""
+        """Code of the magnitude, with bits set above it if it is too large; whether it is zero."""
         fraction, integer = significand[:-1], significand[-1]
         exact = Cat(fraction, exponent)
         # A carry out of the fraction goes to the exponent.
         total = exact + Cat(up, Const(0, len(fraction) - 1), more)
         if self.format.subnormal:
             return total, ~(exact.any() | more | up)
-        # From half of the smallest value, which has the exponent 0, up to that value the latter is
-        # nearer; the half itself goes to zero.
+        # Above half of the smallest value (exponent 0) that value is nearest; half of it itself is
+        # rounded to zero.
         normal = integer & (exponent > -more)
         smallest = integer & (exponent == -more) & below
         code = Signal(len(total))
@@ -201,7 +212,7 @@ class Round(wiring.Component):
         return code, ~(normal | smallest)
 
     def _packed(self, m: Module, i: data.View, code: Value, zero: Value) -> Value:
-        """Code with the sign; of infinity and NaN as well."""
+        """Code with the sign, including infinity and NaN."""
         format = self.format
         width = format.exponent + format.fraction
         above = code[width:].any()
@@ -226,5 +237,5 @@ class Round(wiring.Component):
 
 
 def _reach(zeros: int) -> int:
-    """The largest shift to the left that a count up to `zeros` has bits for."""
+    """Maximum shift to the left for which a count up to `zeros` has bits."""
     return (1 << bits_for(zeros)) - 1

@@ -8,11 +8,14 @@ from splatcore.spec.number import Float
 
 
 class Choice(wiring.Component):
-    """One of two floats, or of their parts.
+    """Base class: selects one of two floats, or combines their parts.
 
-    Members: codes `a`, `b`, `o` of a signed `format`; `enable`, low to hold the register.
+    Members:
+        a, b: in, codes of a signed `format`
+        enable: in, the register loads; while it is low it holds
+        o: out, code of `format`
 
-    **Timing**: no multiplier, an item a cycle, 1 cycle.
+    **Timing**: no multiplier, one item per cycle, latency 1.
     """
 
     def __init__(self, format: Float):
@@ -21,7 +24,7 @@ class Choice(wiring.Component):
 
 
 class Clamp(Choice):
-    """o = a within ± b, for b ≥ 0."""
+    """o = a limited to −b … b, for b ≥ 0."""
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -36,8 +39,8 @@ class Maximum(Choice):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        # As integers the codes of positive numbers rise with the value, those of negative ones
-        # fall: with the sign turned and the rest of negative ones inverted all rise.
+        # As integers, codes of positive numbers rise with the value and codes of negative numbers
+        # fall: with the sign inverted, and the rest of negative codes too, all rise.
         keys = []
         for name in ("a", "b"):
             code = getattr(self, name)

@@ -13,13 +13,17 @@ from splatcore.spec.number import Float
 class Multiply(wiring.Component):
     """o = a · b, rounded once.
 
-    Members
-        a, b: codes of `format`.
-        o: code of `format`.
-        enable: the pipeline moves; while it is low everything stays where it is.
+    Parameters:
+        format: of operands and result
+        latency: number of registers, or their places
 
-    **Timing**: one multiplier of `fraction` + 1 bits squared, an item per cycle, `latency` cycles:
-    any number, 0 is combinational. Instead of their number it takes where the registers stand.
+    Members:
+        a, b: in, codes of `format`
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of `format`
+
+    **Timing**: one multiplier of `fraction` + 1 bits squared, one item per cycle, `latency` cycles:
+    any number, 0 is combinational.
     """
 
     def __init__(self, format: Float, latency: int | Registers):
@@ -31,14 +35,14 @@ class Multiply(wiring.Component):
 
     @staticmethod
     def _zeros(format: Float) -> int:
-        """Leading zeros of the product that the rounder must know of."""
-        # A subnormal significand brings at most `fraction` of them to the product with a normal
-        # one; the product of two subnormal ones is too small to be normalised.
+        """Maximum number of leading zeros of the product that the rounder must handle."""
+        # A subnormal significand times a normal one has at most `fraction` of them more; the
+        # product of two subnormal values is too small to be normalised.
         return format.fraction + 1 if format.subnormal else 1
 
     @staticmethod
     def cuts(format: Float) -> dict[str, int]:
-        """Cuts for registers: operands unpacked, product made, and in `Round`."""
+        """Cuts for registers: operands unpacked, product computed, and the cuts of `Round`."""
         # An operand may come through a multiplexer of a dozen sources.
         return {"operand": 6, "product": 30} | Round.cuts(format, Multiply._zeros(format))
 
@@ -74,17 +78,18 @@ class Multiply(wiring.Component):
         return Unpacked(range(low, high + 1), width, a.special)
 
     def _factors(self, m: Module, a: Number, b: Number) -> Number:
-        """All of the product but its significand: instead, those of the factors side by side.
+        """The product except its significand; in place of that the two factors' significands,
+        concatenated.
 
-        Without subnormal values there are only their fractions: all integer bits are set but
-        those of zeros, and these get an exponent that is below every other.
+        Without subnormal values only their fractions are included: all integer bits are set except
+        in zeros, and a product with a zero gets an exponent below every other.
         """
         format = self.format
         both = Cat(a.significand, b.significand)
         if not format.subnormal:
             both = Cat(a.significand[:-1], b.significand[:-1])
         factors = Signal(self._layout(len(both)))
-        # A carry makes the bias, which is to be subtracted, a power of two.
+        # With a carry in, the bias to be subtracted is a power of two.
         carry = Const(1, 1)
         exponents = (Cat(carry, a.exponent) + Cat(carry, b.exponent))[1:]
         infinity = a.infinity | b.infinity
@@ -104,7 +109,7 @@ class Multiply(wiring.Component):
         return factors
 
     def _product(self, both: Value) -> Value:
-        """Product of two significands side by side."""
+        """Product of two concatenated significands."""
         if self.format.subnormal:
             width = self.format.fraction + 1
             return both[width:] * both[:width]

@@ -1,4 +1,4 @@
-"""Reciprocal and reciprocal square root of floats, by table and polynomial: `spec.unary`."""
+"""Reciprocal and reciprocal square root of floats, by table and polynomial (`spec.unary`)."""
 
 from collections import Counter
 from functools import partial
@@ -13,11 +13,17 @@ from splatcore.spec.number import Float
 from splatcore.spec.unary import Datapath, Function, coefficients, datapath, places_out
 
 REGISTERS = ("packed", "looked_up", "summed", "unpacked", "multiplied")
-"""Cuts that get the first, second … register; any further ones go to the output, "packed"."""
+"""Cuts that get the first, second … register; further registers follow the output, "packed"."""
 
 
 class Lookup(wiring.Component):
-    """Coefficients of a significand's interval, and the two distances that they multiply.
+    """Looks up the coefficients of a significand's interval, and computes their factors.
+
+    Members:
+        significand: in, interval (high bits) and distance within it
+        offset: out, constant coefficient
+        slope, below: out, only if the degree is at least 1: linear coefficient and its factor
+        curve, square: out, only if the degree is 2: quadratic coefficient and its factor
 
     **Timing**: a squarer of `reach` bits (degree 2); no registers.
     """
@@ -36,7 +42,7 @@ class Lookup(wiring.Component):
         super().__init__(ports)
 
     def factors(self) -> tuple[Value, ...]:
-        """Factors of the products: slope, below, curve, square, as far as the degree has them."""
+        """Factors of the products in pairs: slope, below, curve, square, up to the degree."""
         return tuple(getattr(self, name) for name in self.terms)
 
     def elaborate(self, platform):
@@ -61,15 +67,17 @@ class Lookup(wiring.Component):
 class Unary(wiring.Component):
     """1/x or 1/√x of a float: `Reciprocal` or `Rsqrt`.
 
-    Members: `a`, a code of the format; `o`, the code of the result, `latency` cycles later;
-    `enable`, low to hold every register.
+    Members:
+        a: in, code of `format`
+        enable: in, the pipeline advances; while it is low all registers hold
+        o: out, code of the result, `latency` enabled cycles later
 
-    **Timing**: one multiplier (degree 2: a second of some 4 × 5 bits and a squarer); an item a
-    cycle; any latency from 0, of which the first five cycles cut the path where `REGISTERS` says
-    and further ones follow the output, for a tool that retimes.
+    **Timing**: one multiplier (degree 2: a second one of about 4 × 5 bits and a squarer); one item
+    per cycle; any latency from 0. The first five registers cut the path in the order of
+    `REGISTERS`, further ones follow the output, for a tool that retimes.
 
     NAND2-equivalents without registers: Float(7, 16) 2.4 k, without subnormal values 2.3 k;
-    binary16 0.7 k. Those of 1/√x: 2.7 k, 2.4 k, 0.8 k.
+    binary16 0.7 k. For 1/√x: 2.7 k, 2.4 k, 0.8 k.
     """
 
     def __init__(self, function: Function, format: Float, latency: int):
@@ -97,7 +105,7 @@ class Unary(wiring.Component):
         products = [a * b for a, b in zip(factors[::2], factors[1::2], strict=True)]
         offset, *products, result = cut("multiplied", offset, *products, result)
 
-        # A result that will shift right by n places rounds there: 2^n − 1 more half units.
+        # A result that will be shifted right by n places is rounded here: 2^n − 1 half units more.
         places = range(places_out(self.function, self.format))
         half_units = Cat(Const(0, path.point - 1), *(result.places > n for n in places))
         total = Cat(Const(0, path.point - path.guard), offset) + half_units

@@ -9,11 +9,11 @@ from splatcore.spec.unary import Function, exponent_max, places_in, places_out, 
 
 
 class Fraction(enum.Enum, shape=2):
-    """The source of a result's fraction."""
+    """Source of a result's fraction."""
 
     COMPUTED = 0
     ZEROS = 1
-    FILLED = 2  # with ones for the largest value, with the quiet bit alone for NaN
+    FILLED = 2  # ones for the largest value, only the quiet bit for NaN
 
 
 def result_layout(function: Function, format: Float) -> data.StructLayout:
@@ -29,10 +29,12 @@ def result_layout(function: Function, format: Float) -> data.StructLayout:
 
 
 class Unpack(wiring.Component):
-    """Takes a float apart, normalises it, and finds the exponent or special value of the result.
+    """Unpacks and normalises a float, and finds the exponent or special value of the result.
 
-    Members: `a`, a code; `significand`, the fraction below the leading one, under the lowest bit
-    of the exponent for 1/√x; `result`.
+    Members:
+        a: in, code of `format`
+        significand: out, fraction below the leading one; for 1/√x with the exponent's parity on top
+        result: out, `result_layout`
 
     **Timing**: no registers, no multipliers.
     """
@@ -68,9 +70,10 @@ class Unpack(wiring.Component):
         return m
 
     def _normalised(self, significand: Value) -> tuple[Value, Value, Value]:
-        """Significand with its leading one on top, places shifted, and a bit: this failed.
+        """Significand with its leading one on top, number of places shifted, and whether this
+        failed.
 
-        It fails for a zero, or one so small that its result overflows like a zero's.
+        It fails for a zero, or a value so small that its result overflows like a zero's.
         """
         limit = places_in(self.function, self.format)
         steps = [1 << bit for bit in reversed(range(limit.bit_length()))]
@@ -86,7 +89,7 @@ class Unpack(wiring.Component):
         return significand, places, small
 
     def _underflow(self, m: Module, exponent: Value) -> None:
-        """Results below the normal ones: places to shift by, or the nearer of two values."""
+        """Results below the normal range: places to shift by, or the nearer of two values."""
         result = self.result
         if self.format.subnormal:
             if places_out(self.function, self.format):
@@ -99,7 +102,7 @@ class Unpack(wiring.Component):
             m.d.comb += [result.exponent.eq(0), result.kind.eq(Fraction.ZEROS)]
 
     def _special(self, m: Module, sign: Value, fraction: Value, biased: Value, small: Value):
-        """Results that do not depend on a finite input's value: the last assignment wins."""
+        """Results that do not depend on a finite input's value; the last assignment wins."""
         result = self.result
         saturate = self.format.overflow == "saturate"
         root = self.function == "rsqrt"
@@ -124,10 +127,12 @@ class Unpack(wiring.Component):
 
 
 class Pack(wiring.Component):
-    """Puts a result together from what was known of it and its fraction.
+    """Packs a result from its layout and its fraction.
 
-    Members: `fraction`, rounded, of which one bit more than the format's carries into the
-    exponent; `result`; `o`, a code.
+    Members:
+        fraction: in, rounded, with one bit more than the format's, which carries into the exponent
+        result: in, `result_layout`
+        o: out, code of `format`
 
     **Timing**: no registers, no multipliers.
     """
@@ -150,7 +155,7 @@ class Pack(wiring.Component):
         low, carry = self.fraction[:-1], self.fraction[-1]
 
         if places_out(self.function, format):
-            # Of a subnormal result the leading one is part of the fraction, or the exponent's 1.
+            # The leading one of a subnormal result is part of the fraction, or the exponent's 1.
             low = (Cat(low, ~carry, carry) >> result.places)[: format.fraction]
             carry = carry & (result.places < 2)
         carry = carry & computed
@@ -159,7 +164,7 @@ class Pack(wiring.Component):
             fill = Cat(Const(0, format.fraction - 1), filled)
         fraction = low & computed.replicate(format.fraction) | fill
         exponent = (result.exponent + carry)[: format.exponent]
-        # Some input's result may round up past the highest exponent.
+        # The result of some input may be rounded up beyond the highest exponent.
         highest = result_exponent(self.function, format, 1 - places_in(self.function, format))
         if saturate and highest >= exponent_max(format):
             over = carry & result.exponent.all()

@@ -1,4 +1,4 @@
-"""Binning: splats to features in order, and to lists of the groups of tiles that they touch."""
+"""Binning: writes splats as features in order, and to lists of the groups of tiles they touch."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -34,31 +34,34 @@ from splatcore.spec.raster import COLOURS
 
 COUNTED = tuple(counters.BIN)
 
-SPLATS_INSIDE = 32  # splats that wait until it is known whether they touch a tile
+SPLATS_INSIDE = 32  # splats whose tiles are not yet known
 
 
 class Bin(wiring.Component):
-    """Splats in; features of those that touch a tile, bursts of list slots and all lists out.
+    """Turns splats into features (if they touch a tile), bursts of list slots, and lists of groups.
 
-    A splat that touches a tile gets the next number of the frame; its entries, one for each group
-    of tiles, carry it. `spec.binning` says which tiles it touches and why none is missing.
+    A splat that touches a tile gets the next number of the frame; its entries, one per group of
+    tiles, carry that number. `spec.binning` defines the tiles that it touches and explains why none
+    is missing.
 
-    Members
-        i: stream of `splat_record`.
-        width, height: of the image, pixels; pages: pages of list memory; registers of the frame,
-            which stand two cycles before it.
-        finish: the frame's last splat has been taken. When all is through, `groups` follow; then
-            `done` stays high until finish is low, which begins the next frame.
-        features: stream of `feature_record`, in the order of the numbers.
-        bursts: stream of `burst_record`.
-        groups: stream of `group_record`, one for each group of the image in order.
-        needed: pages that the frame takes, valid until the next frame begins. Where they are more
-            than there are (exceeded), bursts beyond are left out and all else goes on.
-        done: the frame is through.
-        counters, clear: events of `COUNTED`; blocked are cycles in which a stream out is not taken.
+    Members:
+        i: in, stream of `splat_record`
+        width, height: in, of the image, pixels; stable from two cycles before the frame
+        pages: in, pages of list memory; stable from two cycles before the frame
+        finish: in, the frame's last splat has been taken; when all is written, `groups` follow,
+            then `done` stays high until `finish` is low, which begins the next frame
+        features: out, stream of `feature_record`, in the order of their numbers
+        bursts: out, stream of `burst_record`
+        groups: out, stream of `group_record`, all groups of the image in order
+        needed: out, pages that the frame takes, valid until the next frame begins
+        exceeded: out, `needed` is above `pages`: bursts in missing pages are dropped, all else goes
+            on
+        done: out, the frame is complete
+        clear: in, all counters are 0
+        counters: out, counts of `COUNTED`; `blocked` counts cycles in which an output is not taken
 
-    **Timing**: a tile row, an entry and a third of a splat in a cycle, whichever takes longest;
-    latency about 25 from a splat to its first entry. Multipliers: those of `hdl.binning.rows`.
+    **Timing**: one tile row, one entry or a third of a splat per cycle, whichever is slowest;
+    latency about 25 from a splat to its first entry. Multipliers as in `hdl.binning.rows`.
     """
 
     def __init__(self, config: Config):
@@ -115,7 +118,7 @@ class Bin(wiring.Component):
             self.done.eq(self.lists.done & ~Cat(part.o.valid for part in ends.values()).any()),
         ]
         inside = self.outline.o.valid | self.rows.busy | self.gather.busy | self.parts.o.valid
-        inside |= self.arrives.o.valid  # what waits at the lists they see themselves
+        inside |= self.arrives.o.valid  # the lists check their own input
         with m.If(self.finish):
             m.d.comb += self.lists.finish.eq(self.lists.done | ~(self.i.valid | inside))
         kept = self._join(m, self._splats(m), self._group(m))
@@ -165,7 +168,9 @@ class Bin(wiring.Component):
         return waited.o
 
     def _centre(self, m: Module, splat: data.View, enable: Value):
-        """A centre as it is stored; what has been shifted is kept as long as `waited` keeps it."""
+        """A centre in the format of features; the shifted value is held while `waited` holds the
+        splat.
+        """
         unit, between = self.config.screen_exponent, {"shift": 1, "round": 0}
         scales = range(unit - SCALE_MAX, unit + 1)
         self.centre = {
@@ -188,7 +193,7 @@ class Bin(wiring.Component):
         return beyond
 
     def _features(self, m: Module, splat: data.View) -> dict[str, Value]:
-        """The fields of `feature_record` for what has waited."""
+        """The fields of `feature_record` for the splat that has waited."""
         format, unit = self.config.arithmetic, self.config.screen_exponent
         found = {"scale": splat.scale, "opacity": splat.opacity}
         found |= {name: fixed.o for name, fixed in self.centre.items()}
@@ -204,7 +209,7 @@ class Bin(wiring.Component):
         return found
 
     def _key(self, splat: data.View) -> Value:
-        """The key of a splat's depth, by `spec.depth`."""
+        """The key of a splat's depth (`spec.depth`)."""
         config, width = self.config, self.config.sort_key_bits
         bits, shift, first = low_bits(config), key_shift(config), below_bits(config)
         half = 1 << bits >> 1
@@ -218,12 +223,12 @@ class Bin(wiring.Component):
         fine = steps[: width - 1]
         above = Mux(steps[width:-1].any(), coarse, Mux(steps[width - 1], middle, fine))
         above = Cat(above[:first], (above[first:] + 1)[: width - first])
-        down = steps[below_shift(config) :]  # negative: its lower bits are those of 2^first + down
+        down = steps[below_shift(config) :]  # negative: its lower bits are 2^first + down
         below = Mux(down[first:].all(), down[:first], 0)
         return Mux(steps < 0, below, above)
 
     def _group(self, m: Module) -> Value:
-        """The number of the group that a part lies in."""
+        """The number of a part's group."""
         part, side = self.parts.o.payload, exact_log2(convention.TILE * self.config.group)
         columns = Signal(range((self.config.side_max >> side) + 2))
         rows = Signal(range((self.config.side_max >> side) + 2))
@@ -233,9 +238,9 @@ class Bin(wiring.Component):
         return part.row * columns + part.column
 
     def _join(self, m: Module, splat: stream.Interface, group: Value) -> Value:
-        """Parts of splats become entries, and with the last one a splat its features.
+        """Parts of splats become entries, and with a splat's last part the splat becomes a feature.
 
-        Either goes when it is taken. Returns a bit that says that a kept splat is through.
+        A part is done when both are taken. Returns whether a kept splat is done.
         """
         part, entry, number = self.parts.o, self.entries.i, Signal(SPLAT_BITS)
         touched, had_entry, had_feature = Signal(), Signal(), Signal()

@@ -22,16 +22,20 @@ WRITING = ("features", "lists", "groups")
 class Binned(wiring.Component):
     """Writes a frame's work area.
 
-    Members
-        clear: a frame begins.
-        features, bursts, groups: the streams of `hdl.binning.bin`.
-        features_at, lists_at, groups_at: addresses of the parts of the work area, in beats.
-        features_max: features for which there is room; exceeded: there were more, which were
-            dropped.
-        finish: nothing more comes. empty: nothing is inside.
-        writes: to memory, for each of `WRITING`.
+    Members:
+        clear: in, a frame begins
+        features: in, stream of `feature_record`
+        bursts: in, stream of `burst_record`
+        groups: in, stream of `group_record`
+        features_at, lists_at, groups_at: in, addresses of the parts of the work area, in beats
+        features_max: in, number of features for which there is room
+        exceeded: out, there were more features, which were dropped
+        finish: in, no more items come
+        empty: out, nothing is inside
+        writes: out, streams of `write_record` to memory, one for each of `WRITING`
 
-    **Timing**: two features in three cycles, a burst of four slots in two, a group in one.
+    **Timing**: two features in three cycles, a burst in one cycle per beat of the port, a group in
+    one cycle.
     """
 
     def __init__(self, config: Config):

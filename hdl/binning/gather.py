@@ -1,4 +1,4 @@
-"""Binning, third step: a splat's rows of tiles to the groups they lie in, each with a mask."""
+"""Binning, third step: collects a splat's rows of tiles by group, each with a mask."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -10,7 +10,7 @@ from splatcore.spec.group import group_grid
 
 
 def part_layout(config: Config) -> data.StructLayout:
-    """A splat's tiles in a group; the mask may be empty where a splat ends (last)."""
+    """A splat's tiles in a group; the mask may be empty if the part is a splat's last one."""
     most, _ = group_grid(config, config.side_max, config.side_max)
     return data.StructLayout(
         {"row": range(most), "column": range(most), "mask": config.group**2, "last": 1}
@@ -18,18 +18,18 @@ def part_layout(config: Config) -> data.StructLayout:
 
 
 class Gather(wiring.Component):
-    """Rows in, parts of splats out, one for each group.
+    """Turns rows of tiles into parts of splats, one per group.
 
-    Rows of a row of groups wait until they are complete; then they are looked through, column of
-    groups by column, while the next ones come in.
+    Rows of tiles in the same row of groups wait until all have come; then the groups are visited
+    column by column, while the next rows come in.
 
-    Members
-        i: stream of `hdl.binning.rows.columns_layout`.
-        o: stream of `part_layout`.
-        busy: rows of a splat are inside.
+    Members:
+        i: in, stream of `hdl.binning.rows.columns_layout`
+        o: out, stream of `part_layout`
+        busy: out, rows of a splat are inside
 
-    **Timing**: a row and a group a cycle; latency 1 from the row that completes a row of groups. No
-    multiplier.
+    **Timing**: one row and one group per cycle; latency 1 from the row that completes a row of
+    groups. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -76,7 +76,7 @@ class Gather(wiring.Component):
         return m
 
     def _parts(self, m: Module, merged, load: Value, free: Signal, found, first, last):
-        """A complete row of groups: registers, and a column of groups after the other."""
+        """Hold a complete row of groups, and output its groups column by column."""
         row, part = self.i.payload, self.o.payload
         valid, ends = Signal(), Signal()
         rows, most = Signal.like(merged), Signal.like(part.column)
@@ -104,7 +104,7 @@ class Gather(wiring.Component):
             m.d.sync += column.eq(column + 1)
 
     def _mask(self, tiles: data.View, column: Value) -> Value:
-        """The tiles of an interval that lie in a column of groups."""
+        """The tiles of an interval that are in a column of groups."""
         whole = (1 << self.config.group) - 1
         begin, end = tiles.begin >> self.bits, tiles.end >> self.bits
         offset = tiles.begin[: self.bits] if self.bits else Const(0)

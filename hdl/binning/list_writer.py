@@ -14,41 +14,48 @@ from splatcore.spec.group import COUNT_BITS, entry_record
 
 
 class State(enum.Enum):
-    """The lists' phases: clearing the table, taking entries, flushing groups, done."""
+    """Phases of the list writer."""
 
-    CLEAR = 0  # after reset: the table's rows become those of groups without entries
+    CLEAR = 0  # after reset: the table's rows are cleared
     TAKE = 1  # entries come
-    FLUSH = 2  # each group's last burst and its list are given out
-    DONE = 3  # all groups are through
+    FLUSH = 2  # each group's last burst and its list are output
+    DONE = 3  # all groups have been output
 
 
 class ListWriter(wiring.Component):
-    """Entries in, bursts out; at the end of the frame, all groups' lists out.
+    """Writes entries in bursts; at the end of the frame, outputs all groups' lists.
 
-    For each group a table holds its page and whether that lies in list memory, the slots used
-    there, its first page and its number of entries; write buffers hold up to burst − 1 entries. An
-    entry that finds its group's buffer full completes a burst with it; or, where the page's last
-    slot is next, the burst ends with the number of a new page, and the entry is the first one
-    there. So a page is taken when an entry needs it, and an entry makes one burst at most.
+    A table holds, for each group, its current page and whether that is in list memory, the slots
+    used there, its first page and its number of entries; write buffers hold up to burst − 1 entries
+    per group. An entry that finds its group's buffer full completes a burst. If the page's last
+    slot is next, the burst ends with the number of a new page instead, and the entry is the first
+    one there. So a page is taken when an entry needs it, and an entry causes at most one burst.
 
-    Members
-        i: stream of `bin_entry_record`.
-        groups_count: groups of the image; pages: pages of list memory.
-        finish: no more entries come: all groups are flushed and given out in order; the next frame
-            begins when it is low again.
-        bursts: stream of `burst_record`; those that lie in pages beyond the last are left out.
-        groups: stream of `group_record`.
-        needed: pages taken so far in the frame, until the next one begins; it stays at its largest
-            value. exceeded: more than `pages` were taken, likewise.
-        empty: no entry is inside. taking: entries are taken. done: all groups were given out.
-        state; group, flushed: the next group to flush, whether there is none; held, full: the entry
-            or group that is handled, whether there is one; same: the one before was of its group;
-            had_burst, had_group: its burst, and its list, were given (for proofs).
+    Members:
+        i: in, stream of `bin_entry_record`
+        groups_count: in, number of groups of the image
+        pages: in, pages of list memory
+        finish: in, no more entries come: all groups are flushed and output in order; the next frame
+            begins when it is low again
+        bursts: out, stream of `burst_record`; bursts in pages beyond the last one are dropped
+        groups: out, stream of `group_record`
+        needed: out, pages taken so far in the frame, until the next one begins; saturates
+        exceeded: out, `needed` is above `pages`, until the next frame begins
+        empty: out, no entry is inside
+        taking: out, entries are accepted
+        done: out, all groups have been output
 
-    **Timing**: an entry a cycle whatever its group, latency 1; a group a cycle when flushed. After
-    reset as many cycles as there are groups. An entry that follows another one of its group reads
-    the table while that is being written: it takes the row and the entry from registers instead, so
-    no memory need answer with what is written in the same cycle. No multiplier.
+    Internal:
+        state: the phase
+        group, flushed: the next group to flush; there is none
+        held, full: the entry or group being handled; there is one
+        same: the previous entry was of the same group
+        had_burst, had_group: its burst and its list have been output
+
+    **Timing**: one entry per cycle whatever its group, latency 1; one group per cycle when flushed.
+    After reset, one cycle per group. An entry that follows another of its group would read the
+    table while that is written: it takes the row and the entry from registers instead, so no memory
+    has to return data written in the same cycle. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -90,7 +97,7 @@ class ListWriter(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         state, group = self.state, self.group
-        # An entry, or a group to flush, is being handled; it is through in this cycle.
+        # An entry, or a group to flush, is being handled; it is done in this cycle.
         full, through = self.full, Signal()
         held, flushed = self.held, self.flushed
         free = ~full | through
@@ -132,7 +139,7 @@ class ListWriter(wiring.Component):
         return m
 
     def _memories(self, m: Module, asked: Value, ask: Value, group: Value):
-        """The table and the write buffers, one memory for each slot of a buffer."""
+        """The table and the write buffers, one memory per slot of a buffer."""
         m.submodules.table = memory = Memory(shape=self.row, depth=self.count, init=[])
         write_row, read_row = memory.write_port(), memory.read_port()
         m.d.comb += [read_row.en.eq(ask), read_row.addr.eq(asked), write_row.addr.eq(group)]
@@ -147,7 +154,7 @@ class ListWriter(wiring.Component):
         return read_row.data, buffers, write_row, write_entry
 
     def _present(self, m: Module, table, buffers, held, free: Value, through: Value, take: Value):
-        """The group's row and buffer, as the entry just before has left them."""
+        """The group's row and buffer, as updated by the entry just before."""
         same, slot = self.same, Signal(range(self.burst))
         entry = Signal(entry_record(self.config).width, reset_less=True)
         self.new, self.slot = Signal(self.row), Signal(range(self.burst))
@@ -164,11 +171,11 @@ class ListWriter(wiring.Component):
     def _handle(
         self, m: Module, row, slots, entry, full, through, flushing, write_row, write_entry
     ):
-        """An entry, or with `flushing` the end of a group."""
+        """Handle an entry, or with `flushing` the end of a group."""
         burst_bits = exact_log2(self.burst)
         offset, bursts, groups = row.position[:burst_bits], self.bursts, self.groups
         logic = self.config.logic
-        # Positions in a page that is in use begin with 1, behind the entry that took the page.
+        # In a page in use positions start at 1, behind the entry that took the page.
         page_full, fresh = row.position.all(), row.position == 0
         turn = page_full | fresh
         whole = Mux(flushing, offset != 0, offset.all())

@@ -1,4 +1,4 @@
-"""Binning, first step: a splat's floats to the integers of its outline, and its tile rows."""
+"""Binning, first step: converts a splat's floats to the integers of its outline and tile rows."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
@@ -26,20 +26,21 @@ PHASES = 3  # cycles for a splat
 
 NUMBERS = ("half_width", "half_height", "u", "v", "lean", "shear", "slope")
 SHIFTERS = (("half_width", "u", "slope"), ("half_height", "v", "shear"), (None, "lean", None))
-"""Numbers that make an outline; of them those that each shifter shifts, phase by phase."""
+"""Numbers of an outline; and for each shifter, the number it shifts in each phase."""
 
 SQUARE_NUMBERS = ("radius", "u", "v")
-SQUARE_SHIFTERS = (("radius", "u", None), (None, "v", None))  # the same of a square
+SQUARE_SHIFTERS = (("radius", "u", None), (None, "v", None))  # the same for a square
 
 SHIFTED_BITS = (LENGTH_BITS, None, FACTOR_FRACTION + 1)
-"""Bits of what is shifted in each phase; of a centre's `position_bits`."""
+"""Bits of the shifted number in each phase; None: `position_bits`, for a centre."""
 
 
 def outline_layout(config: Config) -> data.StructLayout:
     """A splat's outline in its units, and its first and last tile row.
 
-    between: it touches no pixels of any row. A square's rows all have its columns: they need no
-    more than those.
+    between: it touches no pixels of any row. The rows of a square all have the same columns, so
+        they
+    need only a few of the fields.
     """
     position, row = signed(position_bits(config) + 1), range(-(-config.side_max // TILE))
     fields = {"first": row, "last": row, "between": 1, "normalise": range(HALF_BITS)}
@@ -63,23 +64,24 @@ def outline_layout(config: Config) -> data.StructLayout:
 
 
 def pixel(shift: Value) -> Value:
-    """A pixel's units, from log2 of a tile's: 0 where they are coarser than pixels."""
+    """A pixel in units, from log2 of a tile in units; 0 if the unit is coarser than pixels."""
     return (Const(1, 1) << shift)[TILE_BITS:]
 
 
 class Outline(wiring.Component):
-    """Splats in, the outlines of those whose box touches the image out.
+    """Computes the outlines of the splats whose box touches the image.
 
-    Members
-        i: stream of `splat_record`.
-        width, height: of the image, pixels.
-        room: a splat may be taken.
-        seen: the splat that is being taken will have an outline.
-        o: stream of `outline_layout`.
+    Members:
+        i: in, stream of `splat_record`
+        width, height: in, of the image, pixels
+        room: in, a splat may be taken
+        seen: out, the splat that is being taken will have an outline
+        o: out, stream of `outline_layout`
 
-    **Timing**: a splat every 3 cycles, latency 3; no multiplier. Three shifters for a splat's
-    seven numbers: widths and heights, then what their units decide, then what the normalised height
-    decides; for a square's three numbers two. The input stays where it is until all are through.
+    **Timing**: one splat every three cycles, latency 3; no multiplier. Three shifters for a splat's
+    seven numbers: first widths and heights, then numbers that depend on their units, then those
+    that depend on the normalised height; two shifters for a square's three numbers. The input is
+    held until all are done.
     """
 
     def __init__(self, config: Config):
@@ -136,8 +138,11 @@ class Outline(wiring.Component):
         return m
 
     def _registers(self):
-        """Registers of each axis' numbers. A square has one length for both, and its rows want
-        nothing of y: the rest lies beside the outline."""
+        """Registers of each axis' numbers.
+
+        A square has the same length along both axes, and its rows need no numbers of y: these are
+        kept outside the outline.
+        """
         held, lengths = self.held, ("half", "shift", "vast")
         self.known = {name: held[name] for name in held.shape().members}
         self.step = {axis: Signal(range(STEP_MAX + 1), name=f"step_{axis}") for axis in "xy"}
@@ -151,11 +156,10 @@ class Outline(wiring.Component):
             self.finer = Signal(Shape.cast(range(-STEP_MAX, STEP_MAX + HALF_BITS + 1)))
 
     def _shifter(self, m: Module, phase: Signal, axis: str, names: tuple) -> data.View:
-        """⌊value · 2^power⌋ of the number that is up in each phase, and whether it fits.
+        """⌊value · 2^power⌋ of the number selected in each phase, and whether it fits.
 
-        The power is that of the axis' unit for lengths and positions, and brings a ratio to its
-        own normalised units. A position that its bits cannot hold gives 0, a lean or a ratio the
-        largest number.
+        For lengths and positions the power is given by the axis' unit; a ratio is scaled to its own
+        normalised units. A position that does not fit gives 0, a lean or a ratio the maximum.
         """
         format = self.format
         top = format.fraction + self.before
@@ -169,7 +173,7 @@ class Outline(wiring.Component):
             exponent = self.parts[name].exponent
             bits = HALF_BITS if name == "lean" else SHIFTED_BITS[k] or self.bits
             with m.If(phase[k]):
-                if k == 0:  # with any unit but the finest, this leaves LENGTH_BITS
+                if k == 0:  # with any unit except the finest, this leaves LENGTH_BITS
                     least = top - LENGTH_BITS + 1
                     m.d.comb += amount.eq(Mux(exponent > unit - least, least, unit - exponent))
                 elif k == 1:
@@ -187,7 +191,7 @@ class Outline(wiring.Component):
         return result
 
     def _length(self, m: Module, axis: str, number: Value, name: str):
-        """The unit that a length decides, and the length in it."""
+        """The unit that follows from a length, and the length in that unit."""
         format, held = self.format, self.held
         offset = self.config.screen_exponent + FINEST + 1 - LENGTH_BITS - format.bias
         found = Signal(signed(format.exponent + 2), name=f"found_{axis}")
@@ -200,7 +204,7 @@ class Outline(wiring.Component):
         ]
 
     def _centre(self, m: Module, axis: str, number: Value, name: str, size: Value):
-        """Numbers in a unit that is known: the centre, the image's last pixel, a tile."""
+        """Numbers in a known unit: the centre, the image's last pixel, a tile."""
         held, step = self.known, self.step[axis]
         centre = Cat(number, Const(0, 1)).as_signed()
         last = Cat(Const(0, FINEST), size - 1)[: len(size) + FINEST]
@@ -209,13 +213,13 @@ class Outline(wiring.Component):
         m.d.sync += held[f"shift_{axis}"].eq(STEP_MAX - step)
 
     def _factors(self, m: Module, slope: Value, shear: Value):
-        """The ratios that make the outline of a box."""
+        """The ratios of an outline."""
         shear = Cat(shear, 0)[: FACTOR_FRACTION + 2].as_signed()
         m.d.sync += self.held.slope.eq(slope + 1)
         m.d.sync += self.held.shear.eq(Mux(self.parts["shear"].sign, -shear, shear))
 
     def _normalise(self, m: Module, lean: Value):
-        """Shift between the horizontal unit and the finer one of a normalised height."""
+        """Shift between the horizontal unit and the finer unit of a normalised height."""
         normalise = leading_zeros(m, self.held.half_y)
         lean = Cat(lean[:HALF_BITS], Const(0, 1)).as_signed()
         m.d.sync += self.held.lean.eq(Mux(self.parts["lean"].sign, -lean, lean))
@@ -223,7 +227,7 @@ class Outline(wiring.Component):
         m.d.sync += self.finer.eq(self.step["x"] + normalise - self.step["y"])
 
     def _box(self, m: Module, centred: Value, near: dict[str, Value], last: Value):
-        """The rows of tiles that the box covers, and `seen` if it meets the image at all."""
+        """The rows of tiles that the box covers, and `seen` if it meets the image."""
         held, seen, ends = self.known, Const(1, 1), {}
         for axis in "xy":
             is_near = Signal(name=f"near_{axis}")
@@ -241,7 +245,7 @@ class Outline(wiring.Component):
         shift, vast = held["shift_y"], held["vast_y"]
         first, end = ends["low"] >> shift, ends["high"] >> shift
         bottom, o = Signal.like(self.held.last), self.o.payload
-        between = (first > end) & ~vast  # of two rows' pixels
+        between = (first > end) & ~vast  # pixels of two rows
         if self.config.compensates:  # opacities below 1/255 have no extent
             seen &= ~self.i.payload.half_width[-1]
         m.d.comb += [

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.spec.binning import FACTOR_FRACTION, GUARD, HALF_BITS, lean_margin, outward
 from splatcore.spec.config import Config
 
-ROOT_BITS = 3  # bits of the square root that are found in a cycle
+ROOT_BITS = 3  # bits of the square root found per cycle
 
 ROOT_CYCLES = -(-HALF_BITS // ROOT_BITS)
 
@@ -18,19 +18,21 @@ END_BITS = HALF_BITS + 5  # bits of an end with its sign
 
 
 class RowEnd(wiring.Component):
-    """The right end of a band's part of an outline, from its centre; of `spec.binning`'s T, r, end.
+    """The right end of an outline within a band, from its centre (T, r and end of `spec.binning`).
 
-    The left end is that of the mirrored outline: lean and shear negated.
+    The left end is the right end of the mirrored outline: lean and shear negated.
 
-    Members
-        low, high: the band, within ± half; box: the half width stands for the end.
-        lean, half, normalise: of the outline, with the band.
-        shear: of the outline, two cycles after the band.
-        slope, half_width: `SLOPE_AT` and `WIDTH_AT` cycles after the band.
-        o: the end, `LATENCY` cycles after the band.
+    Members:
+        low, high: in, the band, within ± half
+        box: in, with the band: the half width is the end
+        lean, half, normalise: in, of the outline, with the band
+        shear: in, of the outline, two cycles after the band
+        slope: in, of the outline, `SLOPE_AT` cycles after the band
+        half_width: in, of the outline, `WIDTH_AT` cycles after the band
+        o: out, the end, `LATENCY` cycles after the band
 
-    **Timing**: a band a cycle; it never stalls. Three multipliers of about `HALF_BITS` bits squared
-    and a square root of `ROOT_BITS` bits a cycle.
+    **Timing**: one band per cycle; it never stalls. Three multipliers of about `HALF_BITS` bits
+    squared and a square root of `ROOT_BITS` bits per cycle.
     """
 
     def __init__(self, config: Config):
@@ -94,7 +96,7 @@ class RowEnd(wiring.Component):
         return value
 
     def _root(self, m: Module, radicand: Value) -> Value:
-        """⌊√radicand⌋, restoring: whatever the root can grow by while its square fits."""
+        """⌊√radicand⌋, restoring: each bit is set if the square still fits."""
         rest, root = Const(0, 1), Const(0, 0)
         for k in reversed(range(HALF_BITS)):
             # (root·2 + 1)² − (root·2)² = root·4 + 1, two more bits of the radicand come in.

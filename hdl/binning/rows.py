@@ -1,4 +1,4 @@
-"""Binning, second step: an outline to the columns of tiles that it meets in each row of tiles."""
+"""Binning, second step: finds the columns of tiles that an outline meets in each row of tiles."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike, signed
 from amaranth.lib import data, stream, wiring
@@ -17,42 +17,42 @@ from splatcore.spec.convention import TILE
 
 BAND_AT = 2  # cycles from a row's start to its band
 LATENCY = BAND_AT + END_LATENCY + 2  # cycles from a row's start to its columns
-ROWS_WAITING = 32  # rows that may be on their way or wait to be taken
-SQUARE_LATENCY = 3  # the same of a square, whose ends are known
+ROWS_WAITING = 32  # rows in flight or waiting to be taken
+SQUARE_LATENCY = 3  # the same for a square, whose ends are known
 
 OUTLINES = 8
-"""Outlines that may have rows on their way: one comes every third cycle at most, and less than
-`LATENCY` cycles pass until it is asked for."""
+"""Outlines that may have rows in flight: at most one comes every third cycle, and it is last read
+less than `LATENCY` cycles later."""
 
 
 def columns_layout(config: Config) -> data.StructLayout:
-    """Tiles begin … end of a row, none if the first is beyond the last; last: of the splat."""
+    """Tiles begin … end of a row, none if begin is above end; last: of the splat."""
     row, column = range(-(-config.side_max // TILE)), range(-(-config.side_max // TILE) + 1)
     return data.StructLayout({"row": row, "begin": column, "end": column, "last": 1})
 
 
 class Rows(wiring.Component):
-    """Outlines in, each one's rows out.
+    """Turns outlines into rows of tiles.
 
-    The path never stalls: a row starts if it will find room in the queue behind it. What is needed
-    late of an outline waits in two small memories.
+    The path never stalls: a row starts if it will find room in the queue behind it. Parts of an
+    outline that are needed late wait in two small memories.
 
-    Members
-        i: stream of `hdl.binning.outline.outline_layout`.
-        width: of the image, pixels.
-        o: stream of `columns_layout`.
-        row: a row starts.
-        busy: something is inside.
+    Members:
+        i: in, stream of `hdl.binning.outline.outline_layout`
+        width: in, of the image, pixels
+        o: out, stream of `columns_layout`
+        row: out, a row starts
+        busy: out, something is inside
 
-    **Timing**: a row a cycle, also from one outline to the next; latency `LATENCY` + 3, of squares
-    `SQUARE_LATENCY` + 3. Multipliers: those of two `RowEnd`; squares need none, and no memories.
+    **Timing**: one row per cycle, also from one outline to the next; latency `LATENCY` + 3, for
+    squares `SQUARE_LATENCY` + 3. Multipliers of two `RowEnd`; squares need none, and no memories.
     """
 
     def __init__(self, config: Config):
         self.config = config
         self.square = config.tile_test == "3sigma"
         self.latency = SQUARE_LATENCY if self.square else LATENCY
-        # An outline's place is taken again after its last row has been asked for.
+        # An outline's place is reused after it has been read for its last row.
         enough(PHASES * (OUTLINES - 1), BAND_AT + WIDTH_AT, "OUTLINES, cycles until one goes")
         self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
         ports = {
@@ -110,7 +110,7 @@ class Rows(wiring.Component):
         return value
 
     def _band(self, m: Module, held: data.View, row: Value) -> dict[str, RowEnd]:
-        """A row's band of the outline, to both its ends."""
+        """Send a row's band of the outline to both its ends."""
         top, below = row << held.shift_y, (row + 1) << held.shift_y
         edges = {
             "low": top - held.centre_y - 1,
@@ -143,24 +143,24 @@ class Rows(wiring.Component):
         return ends
 
     def _memory(self, m: Module, number: Value, names: tuple, cycles: int):
-        """Some of the outline, `cycles` after a row's start."""
+        """Some fields of the outline, `cycles` after a row's start."""
         outline = self.i.payload
         shape = data.StructLayout({name: outline[name].shape() for name in names})
         m.submodules[f"late_{names[0]}"] = memory = Memory(shape=shape, depth=OUTLINES, init=[])
         write, read = memory.write_port(), memory.read_port()
-        # Written once; the first row asks for it cycles later, none while it is written.
+        # Written once; the first row reads it cycles later, none while it is written.
         m.d.comb += [write.en.eq(self.i.valid & self.i.ready), write.addr.eq(number + 1)]
         m.d.comb += [write.data[name].eq(outline[name]) for name in names]
         asked, clash = number, Const(0)
         for k in range(1, cycles):
             asked = self._at(m, f"number_{names[0]}_{k}", asked, 1)
             clash |= self.passing[k - 1] & (asked == write.addr)
-        holds(m, names[0], ~(write.en & clash), "an outline is lost that is wanted: OUTLINES")
+        holds(m, names[0], ~(write.en & clash), "an outline is lost that is still needed: OUTLINES")
         m.d.comb += [read.en.eq(1), read.addr.eq(asked)]
         return read.data
 
     def _columns(self, m: Module, outline: data.View, ends: dict[str, Value]):
-        """Ends to columns of tiles."""
+        """Convert ends to columns of tiles."""
         since = self.latency - 2  # cycles from a row's start to its ends
         names = ("centre_x", "limit_x", "shift_x", "vast_x", "between")
         late = {name: self._at(m, name, outline[name], 1) for name in names}
@@ -186,10 +186,10 @@ class Rows(wiring.Component):
         never_waits(m, "queue", self.queue.i, "a row: ROWS_WAITING")
 
     def _output(self, m: Module, full: Value) -> Value:
-        """The queue of rows; returns a bit that says that it will have room for one more."""
+        """The queue of rows; return whether it will have room for one more."""
         m.submodules.queue = self.queue
         connect(m, flipped(self).o, self.queue.o)
-        m.submodules.owed = owed = Credit(ROWS_WAITING, "rows in the queue or on their way to it")
+        m.submodules.owed = owed = Credit(ROWS_WAITING, "rows in the queue or in flight")
         m.d.comb += [owed.comes.eq(self.row), owed.goes.eq(passes(self.o))]
         m.d.comb += self.busy.eq(owed.any | full)
         return owed.room

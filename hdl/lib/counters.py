@@ -9,31 +9,31 @@ from amaranth.lib.wiring import In, Out
 from splatcore.spec.counters import COUNTER_BITS
 
 SPARE = 4
-"""A counter stops within 2^SPARE of its largest value: events on their way may still be counted."""
+"""A counter stops within 2^SPARE of its maximum, so that events in flight can still be counted."""
 
 
 def counters_layout(names: Iterable[str]) -> data.StructLayout:
-    """The layout of counts by name."""
+    """Layout of counts by name."""
     return data.StructLayout(dict.fromkeys(names, COUNTER_BITS))
 
 
 def count_events(m: Module, part: wiring.Component, events: Mapping[str, ValueLike]):
-    """Counters of events for a component with the members `clear` and `counters`."""
+    """Add counters of `events` to a component with the members `clear` and `counters`."""
     m.submodules.counters = counters = Counters(tuple(part.counters.shape().members))
     m.d.comb += [counters.event[name].eq(event) for name, event in events.items()]
     m.d.comb += [counters.clear.eq(part.clear), part.counters.eq(counters.value)]
 
 
 class Counters(wiring.Component):
-    """Counts events, each in a register of its own that ends near its largest value.
+    """Counts events, each in its own register, which stops near its maximum.
 
-    Members
-        event: a bit for each name; high for a cycle: one more.
-        clear: all are 0 in the next cycle, and nothing on its way is counted.
-        value: the counts.
+    Members:
+        event: in, one bit per name, high for one cycle per event
+        clear: in, all counts are 0 in the next cycle, and events in flight are dropped
+        value: out, the counts, `bits` bits per name
 
-    **Timing**: a count is seen three cycles after its event: events come late in their cycle, and
-    the carry between a count's halves is registered, so that no path is long.
+    **Timing**: a count changes three cycles after its event: events come late in their cycle, and
+    the carry between the halves of a count is registered, so that no path is long.
     """
 
     def __init__(self, names: tuple[str, ...], bits: int = COUNTER_BITS):
@@ -52,10 +52,10 @@ class Counters(wiring.Component):
         return m
 
     def _counter(self, m: Module, name: str):
-        """One count: its lower half is shown a cycle late, when the upper half has its carry."""
+        """One count. Its lower half is output a cycle late, when the upper half has its carry."""
         parts = ("low", "shown", "high")
         low, shown, high = (Signal(self.half, name=f"{name}_{part}") for part in parts)
-        event, carry, full = (Signal(name=f"{name}_{what}") for what in ("event", "carry", "full"))
+        event, carry, full = (Signal(name=f"{name}_{bit}") for bit in ("event", "carry", "full"))
         m.d.comb += self.value[name].eq(Cat(shown, high))
         m.d.sync += [
             event.eq(self.event[name] & ~full),

@@ -1,4 +1,4 @@
-"""Credits: a count of what is inside, from what comes and what goes."""
+"""Credits: a count of the items in flight."""
 
 from amaranth.hdl import Elaboratable, Module, Value
 from amaranth.lib import wiring
@@ -8,29 +8,33 @@ from splatcore.hdl.lib.holds import holds
 
 
 class Credit(wiring.Component):
-    """Counts what is inside, from 0 to `most`: what has come and has not gone.
+    """Counts the items in flight, 0 … `most`: items that have come and not gone.
 
-    Whoever pushes into a queue without a look at its `ready` lets something come only while there
-    is `room`, and tells what goes when it leaves the queue. Every simulation and every proof stops
-    (`hdl.lib.holds`) where less than nothing or more than `most` would be inside. What comes may go
-    in the same cycle, and what goes makes room for what comes in that cycle.
+    A producer that ignores a queue's `ready` may send only while `room` is high, and pulses `goes`
+    when an item leaves the queue. Every simulation and every proof stops (`hdl.lib.holds`) if the
+    count would leave its range. An item may come and go in the same cycle; one that goes makes room
+    for one that comes in that cycle.
 
-    Parameters
-        what: is counted, for the message of the assertion.
-        step: how many may come in a cycle.
-        begin: how many are inside after reset.
+    Parameters:
+        most: maximum of the count
+        items: name of the items, for the message of the assertion
+        step: maximum number of items that come in one cycle
+        begin: count after reset
 
-    Members
-        comes: how many come in this cycle, 0 … `step`; goes: one goes.
-        count: how many are inside; room: there is room for one more; any: something is inside.
+    Members:
+        comes: in, number of items that come in this cycle, 0 … `step`
+        goes: in, one item goes
+        count: out, items in flight, 0 … `most`
+        room: out, there is room for one more item
+        any: out, the count is not 0
 
-    **Timing**: `count`, `room` and `any` are of the cycles before. No path. The flip-flops of
-    `count`; no multiplier.
+    **Timing**: `count`, `room` and `any` show the cycles before. No combinational path. The
+    flip-flops of `count`; no multiplier.
     """
 
-    def __init__(self, most: int, what: str, *, step: int = 1, begin: int = 0):
+    def __init__(self, most: int, items: str, *, step: int = 1, begin: int = 0):
         if not 1 <= step <= most:
-            raise ValueError(f"{what}: {step} may come at once, and {most} be inside")
+            raise ValueError(f"{items}: step {step} is not in 1 … {most}")
         ports = {
             "comes": In(range(step + 1)),
             "goes": In(1),
@@ -39,7 +43,7 @@ class Credit(wiring.Component):
             "any": Out(1),
         }
         super().__init__(ports)
-        self.most, self.step, self.what = most, step, what
+        self.most, self.step, self.items = most, step, items
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -48,26 +52,30 @@ class Credit(wiring.Component):
         then = count + comes - goes
         m.d.sync += count.eq(then)
         inside = (then >= 0) & (then <= self.most)
-        holds(m, "count", inside, f"less than nothing or more than {self.most}: {self.what}")
+        holds(m, "count", inside, f"below 0 or above {self.most}: {self.items}")
         return m
 
 
 class _Within(Elaboratable):
-    """A `Credit` in simulations alone."""
+    """A `Credit` in simulations only."""
 
-    def __init__(self, comes: Value, goes: Value, most: int, what: str, begin: int):
+    def __init__(self, comes: Value, goes: Value, most: int, items: str, begin: int):
         self.comes, self.goes = comes, goes
-        self.most, self.what, self.begin = most, what, begin
+        self.most, self.items, self.begin = most, items, begin
 
     def elaborate(self, platform) -> Module:
         m = Module()
         if platform is None:
-            m.submodules.count = count = Credit(self.most, self.what, begin=self.begin)
+            m.submodules.count = count = Credit(self.most, self.items, begin=self.begin)
             m.d.comb += [count.comes.eq(self.comes), count.goes.eq(self.goes)]
         return m
 
 
-def within(m: Module, name: str, comes: Value, goes: Value, most: int, what: str, begin: int = 0):
-    """Has simulations stop if, of what comes and goes, there is less than nothing or more than
-    `most` at a time; counts nothing in what is built. begin: how many there are after reset."""
-    m.submodules[f"within_{name}"] = _Within(comes, goes, most, what, begin)
+def within(m: Module, name: str, comes: Value, goes: Value, most: int, items: str, begin: int = 0):
+    """Simulation-only check that the number in flight stays within 0 … `most`.
+
+    comes, goes: number of items that come, and one bit: an item goes
+    items: name of the items, for the message
+    begin: number in flight after reset
+    """
+    m.submodules[f"within_{name}"] = _Within(comes, goes, most, items, begin)

@@ -9,14 +9,14 @@ Registers = Mapping[str, int]  # number of registers at each named cut of a path
 
 
 def spread(latency: int | Registers, cuts: Mapping[str, int]) -> Registers:
-    """`latency` registers on a path, so that the longest stretch without one is the shortest.
+    """Place `latency` registers on a path so that the longest stretch of logic is as short as
+    possible.
 
-    Registers whose cuts are chosen already are returned as they are.
-
-    `cuts` are the places where registers can stand, in the path's order, each named for what has
-    been computed before it; with about how many gates deep the logic is between it and the cut
-    before. The last is the output: it is where the only register stands at latency 1. More
-    registers than cuts stand several to a cut, for a synthesis tool to move into the logic before.
+    latency: number of registers; a mapping (registers already placed) is returned unchanged
+    cuts: places for registers in the order of the path, each named after the value computed before
+        it → approximate depth in gates of the logic since the cut before
+    The last cut is the output, which gets the only register at latency 1. If there are more
+    registers than cuts, some cuts get several, for a synthesis tool to move into the logic before.
     """
     if isinstance(latency, Mapping):
         return latency
@@ -34,7 +34,7 @@ def spread(latency: int | Registers, cuts: Mapping[str, int]) -> Registers:
 
 
 def stretches(cuts: Mapping[str, int], chosen: tuple[str, ...]) -> list[int]:
-    """Depths of the logic between registers at the chosen cuts and at the output, longest first."""
+    """Depths of the logic between the chosen cuts and the output, longest first."""
     found = [0]
     for cut, depth in cuts.items():
         found[-1] += depth
@@ -46,14 +46,14 @@ def stretches(cuts: Mapping[str, int], chosen: tuple[str, ...]) -> list[int]:
 class Pipeline:
     """Adds pipeline registers to a module; all hold their values while `enable` is low.
 
-    They have no reset: what comes out before the first input has come through means nothing.
+    They have no reset: outputs are undefined until the first input has passed.
     """
 
     def __init__(self, m: Module, enable: Signal, registers: Registers):
         self.m, self.enable, self.registers = m, enable, registers
 
     def cut(self, name: str, *values: ValueLike) -> tuple:
-        """`values` behind the registers of one cut; themselves if there are none."""
+        """Return `values` behind the registers of a cut; the same values if it has none."""
         for _ in range(self.registers.get(name, 0)):
             values = tuple(self._register(name, value) for value in values)
         return values

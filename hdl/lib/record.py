@@ -12,20 +12,20 @@ AREA = data.StructLayout(dict.fromkeys(("groups", "lists", "features"), BEAT_ADD
 """Addresses of the parts of a work area, in beats."""
 
 ERROR = data.StructLayout({"valid": 1, "code": CODE_BITS, "detail": DETAIL_BITS})
-"""An error, valid in the cycle in which it is noticed."""
+"""An error, valid in the cycle in which it is detected."""
 
 
 def layout(record: Record) -> data.StructLayout:
-    """The layout with the record's fields at the record's offsets.
+    """Return the layout with the record's fields at the record's offsets.
 
-    Records and arrays within become layouts too; a number of any format becomes its code, an
-    unsigned bit vector. A stream of records is `stream.Signature(layout(RECORD))`.
+    Nested records and arrays become layouts; a number of any format becomes its code, an unsigned
+    bit vector. A stream of records is `stream.Signature(layout(RECORD))`.
     """
     return data.StructLayout({field: _shape(format) for field, format in record.fields})
 
 
 def _shape(format: Format) -> data.Layout | Shape:
-    """The layout or shape of one format."""
+    """Layout or shape of one format."""
     if isinstance(format, Record):
         return layout(format)
     if isinstance(format, Array):
@@ -34,6 +34,6 @@ def _shape(format: Format) -> data.Layout | Shape:
 
 
 def frame_layout(config: Config) -> data.StructLayout:
-    """The layout of a frame's registers."""
+    """Layout of the frame registers."""
     registers = frame_registers(config)
     return data.StructLayout({register.name.lower(): register.width for register in registers})

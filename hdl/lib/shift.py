@@ -1,6 +1,6 @@
-"""Barrel shifters with a sticky bit, counting of leading zeros, and encoding of one bit.
+"""Barrel shifters with a sticky bit, count of leading zeros, one-hot encoding.
 
-Each function adds what it needs to the module that it is given.
+The functions that take a module add logic to it.
 """
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
@@ -8,9 +8,9 @@ from amaranth.utils import bits_for
 
 
 def leading_zeros(m: Module, value: Value) -> Value:
-    """Number of zeros above the highest one; the width if there is none. A tree.
+    """Number of zeros above the highest one; the width of `value` if that is 0. A tree.
 
-    Pads with ones below up to a power of two, so that the count ends there at the latest.
+    The value is padded below with ones up to a power of two, which bounds the count.
     """
     size = 1 << bits_for(len(value))
     _, count = _count_zeros(m, Cat(Const(-1, size - len(value)), value))
@@ -18,7 +18,7 @@ def leading_zeros(m: Module, value: Value) -> Value:
 
 
 def _count_zeros(m: Module, value: Value) -> tuple[Value, Value]:
-    """High if all of 2^n bits are zero; and if not, the number of leading zeros in n bits."""
+    """For 2^n bits: whether all are zero, and if not, the number of leading zeros in n bits."""
     if len(value) == 2:
         return ~value.any(), ~value[1]
     middle = len(value) // 2
@@ -37,15 +37,18 @@ def lowest(value: Value) -> Value:
 
 
 def plus_one(value: Value, logic: str) -> Value:
-    """value + 1 in as many bits. For gates each carry is the AND of all bits below, so that
-    synthesis makes trees; of an adder of one it makes a chain, which is what an FPGA is fast at."""
+    """value + 1 in the same width.
+
+    For gates each carry is the AND of all bits below, which synthesis turns into trees; an adder
+    would become a carry chain, which is fast on an FPGA.
+    """
     if logic == "fpga":
         return (value + 1)[: len(value)]
     return Cat(bit ^ value[:k].all() if k else ~bit for k, bit in enumerate(value))
 
 
 def several(value: Value) -> Value:
-    """Whether more than one bit is 1."""
+    """High if more than one bit is 1."""
     if len(value) == 1:
         return Const(0)
     low, high = value[: len(value) // 2], value[len(value) // 2 :]
@@ -53,7 +56,7 @@ def several(value: Value) -> Value:
 
 
 def encoded(one_hot: Value) -> Value:
-    """The index of the one bit that is 1."""
+    """Index of the set bit of a one-hot value."""
     width = max((len(one_hot) - 1).bit_length(), 1)
     return Cat(
         Cat(one_hot[k] for k in range(len(one_hot)) if k >> bit & 1).any() for bit in range(width)
@@ -61,10 +64,10 @@ def encoded(one_hot: Value) -> Value:
 
 
 def sticky(value: Value, width: int) -> Value:
-    """The highest `width` bits of `value`, and below them one that is set if any other is.
+    """The highest `width` bits of `value`, and below them one bit that is the OR of all others.
 
-    A sticky bit can stand for all that it replaces when a number is rounded, as long as at least
-    one more bit stands between it and those that are kept.
+    When a number is rounded, a sticky bit can stand for all bits that it replaces, provided that at
+    least one more bit is between it and the bits that are kept.
     """
     rest = len(value) - width
     if rest < 0:
@@ -73,15 +76,15 @@ def sticky(value: Value, width: int) -> Value:
 
 
 def shift_right_sticky(m: Module, value: Value, amount: Value, width: int) -> Value:
-    """The lowest `width` bits of `value` / 2^`amount`, the lowest of them sticky as in `value`.
+    """The lowest `width` bits of `value` / 2^`amount`; the lowest of them is sticky as in `value`.
 
-    What is above them must be zero whenever it is shifted by `amount`: it is not built.
+    The bits above must be zero for every `amount` that occurs: no logic is built for them.
     """
     stages = bits_for(len(value) - 1)
-    far = amount[stages:].any()  # by so much that only the sticky bit is left
+    far = amount[stages:].any()  # only the sticky bit is left
     for power in reversed(range(min(stages, len(amount)))):
         distance = 1 << power
-        rest = width + distance - 1  # what the stages to come can bring down
+        rest = width + distance - 1  # bits that later stages can shift down
         shifted = Signal(min(len(value), rest), name=f"right_{distance}")
         kept = max(len(value) - 1 - distance, 0)
         m.d.comb += shifted.eq(Mux(amount[power] | far, sticky(value, kept), value))

@@ -1,11 +1,11 @@
 """Stream primitives between stages and around datapaths: register, slot, stage, queue, fork, pipe.
 
 Streams are Amaranth's (`lib.stream`): an item passes in a cycle in which valid and ready are both
-high, and whoever has raised valid keeps it and the payload until then. All of these keep to that
-rule on their outputs, and only `Fork` needs its input to keep to it as well. Payload registers are
-not reset: an AND gate for every bit would buy nothing.
+high; a producer that has raised valid holds valid and payload until then. All outputs here keep
+that rule; only `Fork` relies on it at its input. Payload registers are not reset, which saves an
+AND gate per bit.
 
-A path below is one through gates alone, from an input to an output in the same cycle.
+In this file a path is a combinational one, from an input to an output in the same cycle.
 """
 
 from amaranth.hdl import Cat, Module, Mux, ShapeLike, Signal, Value
@@ -14,20 +14,23 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect
 
 MEMORY_DEPTH_MIN = 3
-"""Least depth of a queue in a synchronous memory: an item takes two cycles to pass it."""
+"""Minimum depth of a queue in a synchronous memory: an item takes two cycles to pass it."""
 
 HANDSHAKE = wiring.Signature({"valid": Out(1), "ready": In(1)})  # a stream without its payload
 
 
 def passes(stream: stream.Interface) -> Value:
-    """High if an item passes."""
+    """High in a cycle in which an item passes."""
     return stream.valid & stream.ready
 
 
 def judged(m: Module, offer: stream.Interface, keep: Value) -> tuple[Signal, Signal]:
-    """Whether an offered item is to be kept, from the cycle after the one in which the offer comes,
-    and a bit: it is known. keep: the same, by logic from what is offered. Whoever takes the item
-    waits for it: so `keep` has a cycle of its own."""
+    """Registered keep/drop decision for an offered item, one cycle late, with its valid bit.
+
+    offer: its consumer waits for the decision, which gives `keep` a full cycle
+    keep: the decision, combinational from the offer
+    Returns the decision and its valid bit.
+    """
     kept, known = Signal(name="kept"), Signal(name="known")
     m.d.sync += [kept.eq(keep), known.eq(offer.valid & ~offer.ready)]
     return kept, known
@@ -36,12 +39,15 @@ def judged(m: Module, offer: stream.Interface, keep: Value) -> tuple[Signal, Sig
 class Register(wiring.Component):
     """Two registers that cut every path between `i` and `o`.
 
-    The second register takes the item that is already on its way when the output stalls.
+    The second register takes the item that is in flight when the output stalls.
 
-    Members
-        i: stream of `shape`, in
-        o: stream of `shape`, out
-        head, spare, full: the item at `o`, the one behind it, whether there is one (for proofs)
+    Members:
+        i: in, stream of `shape`
+        o: out, stream of `shape`
+
+    Internal:
+        head, spare: the item at `o`, and the one behind it
+        full: `spare` holds an item
 
     **Timing**: latency 1, one item per cycle, no path; two items' flip-flops, no multiplier.
     """
@@ -66,14 +72,15 @@ class Register(wiring.Component):
 
 
 class Slot(wiring.Component):
-    """One register that cuts every path between `i` and `o`, where items are rare. That it is free
-    is a flip-flop of its own: what waits for that may be much.
+    """One register that cuts every path between `i` and `o`, for rare items.
 
-    Members
-        i: stream of `shape`, in
-        o: stream of `shape`, out
+    `i.ready` is a flip-flop, so that much logic may depend on it.
 
-    **Timing**: latency 1, an item every other cycle, no path; no multiplier.
+    Members:
+        i: in, stream of `shape`
+        o: out, stream of `shape`
+
+    **Timing**: latency 1, one item every other cycle, no path; no multiplier.
     """
 
     def __init__(self, shape: ShapeLike):
@@ -92,11 +99,11 @@ class Slot(wiring.Component):
 
 
 class Stage(wiring.Component):
-    """One register; it takes an item in the cycle in which it gives one.
+    """One register, which takes an item in the cycle in which it passes one on.
 
-    Members
-        i: stream of `shape`, in
-        o: stream of `shape`, out
+    Members:
+        i: in, stream of `shape`
+        o: out, stream of `shape`
 
     **Timing**: latency 1, one item per cycle. A path from `o.ready` to `i.ready`. No multiplier.
     """
@@ -116,15 +123,17 @@ class Stage(wiring.Component):
 class Queue(wiring.Component):
     """A queue of exactly `depth` items, two or more, in flip-flops or in a synchronous memory.
 
-    With `memory` its rows are those of a memory with one write port and one read port that
-    answers a cycle later and keeps its answer, as on-chip SRAM does; no row is ever written and
-    read in the same cycle. Such a queue is at least `MEMORY_DEPTH_MIN` deep.
+    With `memory` its rows are in a memory with one write port and one read port that answers a
+    cycle later and holds its answer, like on-chip SRAM; no row is written and read in the same
+    cycle. Such a queue is at least `MEMORY_DEPTH_MIN` deep.
 
-    Members
-        i: stream of `shape`, in
-        o: stream of `shape`, out
-        level: range(depth + 1), out; items inside, the one at `o` included
-        write, read: rows of the next write and the next read (for proofs)
+    Members:
+        i: in, stream of `shape`
+        o: out, stream of `shape`
+        level: out, number of items inside, including the one at `o`, 0 … `depth`
+
+    Internal:
+        write, read: rows of the next write and of the next read
 
     **Timing**: latency 1, with `memory` 2; one item per cycle. No path, no multiplier.
     """
@@ -160,8 +169,7 @@ class Queue(wiring.Component):
             self.o.payload.eq(read.data),
         ]
         if self.memory:
-            # The memory's output register is the head of the queue: whatever the level counts
-            # beyond it still waits in a row.
+            # The memory's output register is the head of the queue; all other items are in rows.
             m.d.comb += fetch.eq((self.level != self.o.valid) & (~self.o.valid | self.o.ready))
             m.d.comb += read.en.eq(fetch)
             with m.If(fetch | pop):
@@ -177,13 +185,16 @@ class Queue(wiring.Component):
         return m
 
     def _next(self, row: Value) -> Value:
-        """The row after `row`, around the end."""
+        """The row after `row`, with wrap-around."""
         return Mux(row == self.depth - 1, 0, row + 1)
 
 
 def soon(m: Module, name: str, answer: stream.Interface, logic: str) -> stream.Interface:
-    """What comes out of a memory, for logic that begins with it: behind a register, the submodule
-    `name`, where memories answer as late as block RAM of an FPGA."""
+    """Output of a memory, for logic that starts with it.
+
+    On an FPGA it is behind a register, submodule `name`, because block RAM answers late in the
+    cycle.
+    """
     if logic == "gates":
         return answer
     m.submodules[name] = stage = Stage(answer.payload.shape())
@@ -192,12 +203,14 @@ def soon(m: Module, name: str, answer: stream.Interface, logic: str) -> stream.I
 
 
 class Fork(wiring.Component):
-    """Gives every item to each of `count` outputs; each takes it at its own pace.
+    """Copies every item to each of `count` outputs, each of which takes it at its own pace.
 
-    Members
-        i: stream of `shape`, in
-        o: `count` streams of `shape`, out; none of them waits for another to take the same item
-        taken: outputs that have had the item at `i` (for proofs)
+    Members:
+        i: in, stream of `shape`
+        o: out, `count` streams of `shape`; none waits for another to take the same item
+
+    Internal:
+        taken: outputs that have had the item at `i`
 
     **Timing**: latency 0, one item per cycle. Paths from `i` to all outputs and from every
     `o.ready` to `i.ready`. No multiplier.
@@ -225,9 +238,9 @@ class Fork(wiring.Component):
 class Pipe(wiring.Component):
     """The handshake around a datapath of fixed latency whose registers load when `enable` is high.
 
-    Valid bits travel beside the data. The pipe halts as a whole when an item at its end is not
-    taken; a bubble at its end never halts it, bubbles further inside stay. A stage joins it to its
-    datapath in this way:
+    Valid bits travel with the data. The whole pipe stalls while the item at its end is not taken. A
+    bubble at its end never stalls it; bubbles further inside stay. A stage connects it to its
+    datapath as follows:
 
         m.submodules.pipe = pipe = Pipe(datapath.latency)
         m.d.comb += [
@@ -238,14 +251,14 @@ class Pipe(wiring.Component):
             datapath.enable.eq(pipe.enable),
         ]
 
-    Members
-        i: `HANDSHAKE`, in
-        o: `HANDSHAKE`, out
-        enable: out; the datapath's registers load at the end of this cycle
-        valid: `latency` bits, out; bit k: an item is in the datapath's registers after k + 1 cycles
+    Members:
+        i: in, `HANDSHAKE`
+        o: out, `HANDSHAKE`
+        enable: out, the datapath's registers load at the end of this cycle
+        valid: out, `latency` bits; bit k: the registers after k + 1 cycles hold an item
 
     **Timing**: latency `latency` enabled cycles, one item per cycle. A path from `o.ready` to
-    `i.ready` and `enable`: a `Register` behind the pipe cuts it. No multiplier.
+    `i.ready` and `enable`; a `Register` behind the pipe cuts it. No multiplier.
     """
 
     def __init__(self, latency: int):

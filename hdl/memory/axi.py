@@ -18,21 +18,21 @@ from splatcore.spec.config import Config
 
 HALVES = (spec.PREPROCESSING, spec.RENDERING)
 
-CROWD = 32  # bursts a half is waiting for when those who can wait do not write
+CROWD = 32  # outstanding bursts of a half from which on patient writers do not write
 OUTSTANDING_BITS = 8
 """Width of the count of bursts of a half's readers, or of a writer, that are not yet answered."""
 
 ERROR = 1  # the bit of a response that signals an error
 
 CLIENT_ERROR = data.StructLayout({"valid": 1, "client": spec.ID_BITS})
-"""A beat or burst of a client has been answered by an error."""
+"""An error response to a beat or burst of a client."""
 
 STRAY = data.StructLayout({"valid": 1, "client": spec.ID_BITS, "written": 1})
-"""An answer that nobody waits for. client: its ID. written: to a burst written, not a beat read."""
+"""An unexpected answer. client: its ID. written: answers a burst written, not a beat read."""
 
 
 def read_beat(config: Config) -> data.StructLayout:
-    """The layout of a beat that was read. last: of its burst."""
+    """Layout of a beat that was read. last: of its burst."""
     return data.StructLayout({"beat": config.port, "last": 1})
 
 
@@ -42,49 +42,50 @@ def write_data(config: Config, write: data.View) -> Value:
 
 
 def of_half(clients: dict[str, int], half: int) -> int:
-    """A mask of the clients that work for a half."""
+    """Mask of the clients that work for a half."""
     return sum(1 << k for k, of in enumerate(clients.values()) if of == half)
 
 
 def held(register: Register, of: Callable[[data.View], Value]) -> Value:
-    """How many items in a register are such."""
+    """Number of items in a register for which `of` is 1."""
     return (register.o.valid & of(register.head)) + (register.full & of(register.spare))
 
 
 class Axi(wiring.Component):
     """The memory port: an AXI4 master that serves all readers and writers of the machine.
 
-    Every client is a stream and works for a half of the machine. Reads of one reader, and bursts
-    of one writer, stay in order.
+    Each client is a stream and works for one half. Reads of one reader stay in order, as do bursts
+    of one writer.
 
-    Members
-        m_axi: the port.
-        reads: by index in `READERS` a stream of `read_record`; data: the beats that come back,
-            streams of `read_beat`. A reader that does not take its beats keeps all others waiting.
-        writes: by index in `WRITERS` a stream of `write_record`; after a burst's first beat
-            a writer offers the others without waiting for anything else.
-        read_windows, write_windows: of `client_windows`, if any: where a burst is that a client
-            offers; of one that is written, its first beat tells.
-        favoured: a bit for each half: its writers come before the other's. patient: a bit for each
-            writer: it comes after all others, and not while a half waits for `CROWD` bursts or
-            more, with which it would share the memory. Both are about what is begun next.
-        failing: a bit for each half. While it is high, nothing new is begun for the half, what
-            comes back for it is dropped, and a burst that it has begun to write is brought to its
-            end without writing anything. Its clients may be reset meanwhile; they are to be, as
-            what was dropped does not come again.
-        idle: a bit for each half: nothing that it has asked for or given is on its way.
-        settled: a bit for each writer: all that was taken from it before this cycle is in memory.
-        read_error, write_error: `CLIENT_ERROR`; several for a burst read are possible.
-        stray: `STRAY`. Such an answer is dropped and changes nothing: its ID is no client's, or
-            nothing that it could answer has left: a request of the reader's half, or a burst of
-            the writer with its address and its last beat.
-        beats_read, beats_written: a bit for each client: a beat has passed.
-        asked, bursts, inside, left, owner, r_full, r_client, r_error: what it knows (for proofs).
+    Members:
+        m_axi: out, the port
+        reads: in, streams of `read_record`, one per reader in the order of `READERS`
+        data: out, streams of `read_beat`, the beats read; a reader that stalls keeps all others
+            waiting
+        writes: in, streams of `write_record`, one per writer in the order of `WRITERS`; after a
+            burst's first beat the writer offers the others without waiting for anything else
+        read_windows, write_windows: in, only if there are windows (`client_windows`): the window of
+            the burst that a client offers, for a write with its first beat
+        favoured: in, one bit per half: its writers come before the other's; applies to new bursts
+        patient: in, one bit per writer: it comes after all others, and not while a half waits for
+            `CROWD` bursts or more, with which it would share memory; applies to new bursts
+        failing: in, one bit per half: no new burst begins for it, data for it is dropped, and its
+            burst being written ends without strobes. Reset its clients meanwhile: data is not sent
+            again.
+        idle: out, one bit per half: none of its bursts is in flight
+        settled: out, one bit per writer: all beats taken before this cycle are in memory
+        read_error, write_error: out, `CLIENT_ERROR`, possibly several per burst read
+        stray: out, `STRAY`, an answer that is dropped: its ID is no client's, or no request it
+            could answer has left: a read of its half, or the writer's burst with address and last
+            beat
+        beats_read, beats_written: out, one bit per client: a beat has passed
 
-    **Timing**: in every cycle a read can be asked for, a beat come back, and a beat be written; the
-    next burst begins in the cycle after the last beat of the one before. Latency: a request and a
-    written beat 1 cycle, a beat that was read 1 cycle. No path from an input of the port to an
-    output of it. No multiplier.
+    Internal:
+        asked, bursts, inside, left, owner, r_full, r_client, r_error: state
+
+    **Timing**: per cycle one read request, one beat read and one beat written; a burst begins in
+    the cycle after the previous burst's last beat. Latency 1 for requests, beats written and beats
+    read. No path from an input of the port to an output of it. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -120,7 +121,7 @@ class Axi(wiring.Component):
             [Signal(OUTSTANDING_BITS, name=f"{name}{k}") for k in range(count)]
             for name, count in (("asked", len(HALVES)), ("bursts", len(spec.WRITERS)))
         )
-        # The burst that is being written: within one, its beats still to come, whose it is.
+        # The burst being written: whether there is one, its beats still to come, its writer.
         self.inside, self.left = Signal(), Signal(spec.LENGTH_BITS)
         self.owner = Signal(len(spec.WRITERS))
         # The beat that was read last.
@@ -148,7 +149,7 @@ class Axi(wiring.Component):
         return m
 
     def _address(self, m: Module, channel: str, request):
-        """An address channel of the port, from its register."""
+        """Drive an address channel of the port from its register."""
         below = exact_log2(spec.port_beats(self.config))  # bits within the port's beat
         burst = request.payload.burst
         window = [request.payload.window] if spec.window_bits(self.config) else []
@@ -166,20 +167,19 @@ class Axi(wiring.Component):
         m.d.comb += request.ready.eq(getattr(self.m_axi, f"{channel}ready"))
 
     def _of_halves(self, bits: Value, clients: dict[str, int]) -> Value:
-        """A bit for each client: its half's."""
+        """One bit per client: the bit of its half."""
         return Cat(bits[half] for half in clients.values())
 
     def _count(self, m: Module, count: Signal, begins: Value, ends: Value):
-        """Counts what has begun and not ended."""
+        """Count items that have begun and not ended."""
         with m.If(begins ^ ends):
             m.d.sync += count.eq(count + Mux(begins, 1, -1))
 
     def _return(self, m: Module) -> Value:
-        """Beats that come back; a bit for each half: it has the last one of a burst.
+        """Pass on the beats read; return one bit per half: the last beat of a burst has passed.
 
-        They pass a register that holds one beat: the port's `rready` depends on that beat's
-        reader, not on the port's inputs.
-        """
+        They pass a register that holds one beat, so that `rready` of the port depends on that
+        beat's reader, not on inputs of the port."""
         m_axi = self.m_axi
         full, client, error = self.r_full, self.r_client, self.r_error
         beat = Signal(read_beat(self.config), reset_less=True)
@@ -217,7 +217,7 @@ class Axi(wiring.Component):
         return Cat((fire & of_half(spec.READERS, half)).any() & beat.last for half in HALVES)
 
     def _ask(self, m: Module, returned: Value):
-        """Bursts to be read."""
+        """Request the bursts to be read."""
         m.submodules.read_turns = turns = Turns(len(spec.READERS))
         request, began = self.ar.i, Signal(len(spec.READERS))
         blocked = Cat(self.failing[k] | self.asked[k].all() for k in spec.READERS.values())
@@ -238,11 +238,10 @@ class Axi(wiring.Component):
             self._count(m, self.asked[half], begins, returned[half])
 
     def _answers(self, m: Module) -> Value:
-        """Answers to bursts written; a bit for each writer.
+        """Answers to bursts written; return one bit per writer.
 
-        The bursts that have not left are a writer's newest ones: those whose address waits, and
-        those whose last beat waits or is still to come.
-        """
+        A writer's newest bursts may not have left: their address is in its register, or their last
+        beat is in its register or still to come."""
         m_axi = self.m_axi
         full, error = Signal(), Signal()
         client = Signal(spec.ID_BITS, reset_less=True)
@@ -268,7 +267,7 @@ class Axi(wiring.Component):
         return answered
 
     def _write(self, m: Module, answered: Value, crowded: Value):
-        """Bursts to be written: a writer has the port for its burst."""
+        """Write bursts; a writer has the port for its whole burst."""
         m.submodules.write_turns = turns = Turns(len(spec.WRITERS))
         count = len(spec.WRITERS)
         valid = Cat(i.valid for i in self.writes)

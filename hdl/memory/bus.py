@@ -1,8 +1,8 @@
-"""Signatures of the machine's two AXI ports, as the master has them.
+"""Signatures of the machine's two AXI ports, seen from the master.
 
-A component's member `m_axi` of such a signature has the Verilog ports `m_axi__awid` … . Of AXI's
-signals those are left out that would always be 0 (lock, region, quality of service, user) and that
-the slave of the registers has no use for (protection).
+A component's member `m_axi` with this signature has the Verilog ports `m_axi__awid` and so on. AXI
+signals that would always be 0 (lock, region, quality of service, user) are left out, and so is
+protection, which the register slave does not use.
 """
 
 from amaranth.lib import wiring
@@ -16,7 +16,7 @@ RESPONSE_BITS = 2
 
 
 def fixed(config: Config) -> dict[str, tuple[int, int]]:
-    """Constant signals of an address channel: name behind `ar` or `aw` → width and value."""
+    """Constant signals of an address channel: name without `ar` or `aw` → width and value."""
     return {
         "size": (3, exact_log2(spec.port_bytes(config))),  # whole beats
         "burst": (2, 1),  # INCR
@@ -26,7 +26,7 @@ def fixed(config: Config) -> dict[str, tuple[int, int]]:
 
 
 def axi(config: Config) -> wiring.Signature:
-    """The signature of the AXI4 port."""
+    """Signature of the AXI4 port."""
     wires = {}
     for channel in ("aw", "ar"):
         wires |= {
@@ -47,7 +47,7 @@ def axi(config: Config) -> wiring.Signature:
 
 
 def axi_lite() -> wiring.Signature:
-    """The signature of the AXI4-Lite port."""
+    """Signature of the AXI4-Lite port."""
     wires = {}
     for channel in ("aw", "ar"):
         wires |= {f"{channel}addr": Out(spec.LITE_ADDRESS_BITS)}

@@ -21,30 +21,38 @@ from splatcore.spec.axi import (
 from splatcore.spec.config import Config
 from splatcore.spec.group import ENTRY_BITS
 
-RANGES_WAITING = 8  # ranges of slots whose beats may be on their way
+RANGES_WAITING = 8  # ranges of slots whose beats may be in flight
 
 
 class Fetch(wiring.Component):
-    """Ranges of beats in, the port's beats out, in order.
+    """Reads ranges of beats; returns the port's beats in order.
 
-    A burst is asked for when the queue has room for all of it besides what it holds and what is on
-    its way, so that beats that come back never wait. Bursts end at multiples of `burst` beats. The
-    last burst's room is not used while the next one is waited for: short bursts hide more of the
-    memory's latency, long ones ask less often.
+    A burst is requested when the queue has room for all of it in addition to the beats it holds and
+    the beats in flight, so that arriving beats never wait. Bursts end at multiples of `burst`
+    beats. The last burst's room is unused while the next one waits for room: short bursts hide more
+    of the memory's latency, long bursts need fewer requests.
 
-    Members
-        i: stream of ranges (`range_record`).
-        reads, data: to and from the memory port (`hdl.memory.axi`).
-        o: stream of the port's beats.
-        marks, marked: if there are marks: a bit of the range at `i`, and of that of the burst at
-            `reads`.
-        rest, sized, size: what is left of a range; a burst is to be asked for; its beats (for
-            proofs).
+    Parameters:
+        depth: beats of the machine that the queue holds
+        count_bits: width of the number of beats of a range
+        burst: beats of the machine per burst
+        marks: whether ranges have a mark
 
-    **Timing**: a burst every 2 cycles, asked for 2 cycles after its range or the burst before was
-    taken; on an FPGA a cycle more each. A beat a cycle, latency 2 through the queue. Its memory has
-    room for `depth` beats of the machine; one that holds fewer than come during the memory's
-    latency slows the reading. No multiplier.
+    Members:
+        i: in, stream of `range_record`
+        reads: out, stream of `read_record`, to the memory port
+        data: in, stream of `read_beat`, from the memory port
+        o: out, stream of beats of the port
+        marks: in, only if `marks`: mark of the range at `i`
+        marked: out, only if `marks`: mark of the burst at `reads`
+
+    Internal:
+        rest, sized, size: rest of the range; a burst waits to be requested; its beats
+
+    **Timing**: one burst every two cycles, requested two cycles after its range or the previous
+    burst was taken; on an FPGA one cycle more each. One beat per cycle, latency 2 through the
+    queue. A queue that holds fewer beats than arrive during the memory's latency slows reading. No
+    multiplier.
     """
 
     def __init__(
@@ -61,7 +69,7 @@ class Fetch(wiring.Component):
         self.burst, self.depth = burst // self.beats, depth // self.beats  # of the port's
         self.range = layout(range_record(count_bits))
         self.queue = Queue(config.port, self.depth, memory=True)
-        name = "beats in the queue or on their way to it"
+        name = "beats in the queue or in flight"
         self.used = Credit(self.depth, name, step=self.burst)
         self.rest, self.sized = Signal(self.range, reset_less=True), Signal()
         self.size = Signal(range(self.burst + 1), reset_less=True)
@@ -83,8 +91,8 @@ class Fetch(wiring.Component):
             queue.i.payload.eq(self.data.payload.beat),
             self.data.ready.eq(1),  # the queue has room
         ]
-        never_waits(m, "queue", queue.i, "a beat that was asked for")
-        # What is left of the range; the burst that is to be asked for.
+        never_waits(m, "queue", queue.i, "a requested beat")
+        # The rest of the range; the next burst.
         rest, more, sized, beats = self.rest, Signal(), self.sized, self.size
         asks = self.reads.payload
         burst = {k: Signal.like(asks[k], name=k, reset_less=True) for k in ("beat", "length")}
@@ -111,7 +119,7 @@ class Fetch(wiring.Component):
                 more.eq(~ends),
             ]
         if self.has_marks:
-            mark = Signal(reset_less=True)  # of what is left of the range
+            mark = Signal(reset_less=True)  # of the rest of the range
             with m.If(~more):
                 m.d.sync += mark.eq(self.marks)
             with m.Elif(~sized):
@@ -119,7 +127,7 @@ class Fetch(wiring.Component):
         m.d.sync += sized.eq(Mux(sized, ~asked, more))
         m.submodules.used = used = self.used
         fits = sized & (used.count + beats <= self.depth)
-        if self.logic == "fpga":  # known a cycle later, and true until it is asked for
+        if self.logic == "fpga":  # registered; true until the burst is requested
             late = Signal()
             m.d.sync += late.eq(fits & ~asked)
             fits = late
@@ -129,22 +137,25 @@ class Fetch(wiring.Component):
             self.reads.valid.eq(fits),
         ]
         awaited = ~self.data.valid | (used.count != queue.level)
-        holds(m, "awaited", awaited, "a beat has come that was not asked for")
+        holds(m, "awaited", awaited, "a beat has come that was not requested")
         return m
 
 
 class Unpack(wiring.Component):
-    """Cuts ranges of the port's beats into slots, the lowest one of a beat first.
+    """Cuts ranges of the port's beats into slots, the lowest slot of a beat first.
 
-    Members
-        counts: stream of how many slots each range has, at least 1. What a range's last beat holds
-            beyond them is dropped.
-        beats: stream of the ranges' beats.
-        o: stream of slots.
+    Parameters:
+        count_bits: width of the number of slots
+        slot: bits per slot
+        ranges: number of ranges that may wait for their beats
 
-    slot: bits of one; ranges: how many may wait whose beats have not come.
+    Members:
+        counts: in, stream of the number of slots of each range, at least 1; the rest of a range's
+            last beat is dropped
+        beats: in, stream of the ranges' beats
+        o: out, stream of slots
 
-    **Timing**: a slot a cycle, latency 0 from a beat. A path from `o.ready` to `beats.ready`.
+    **Timing**: one slot per cycle, latency 0 from a beat. A path from `o.ready` to `beats.ready`.
     """
 
     def __init__(
@@ -163,7 +174,7 @@ class Unpack(wiring.Component):
         m = Module()
         m.submodules.counts_waiting = waiting = self.counts_waiting
         connect(m, flipped(self).counts, waiting.i)
-        beat, left = self.beats.payload, Signal.like(waiting.o.payload)  # 0: none is at hand
+        beat, left = self.beats.payload, Signal.like(waiting.o.payload)  # 0: no range is current
         place = Signal(range(len(beat) // self.slot))
         taken, last = Signal(), Signal()
         m.d.comb += [
@@ -184,12 +195,16 @@ class Unpack(wiring.Component):
 
 
 class FetchBeats(wiring.Component):
-    """Ranges of beats in, the machine's beats out, in order: `Fetch`, and `Unpack` if the port's
-    beats are larger.
+    """Reads ranges of beats; returns the machine's beats in order: `Fetch`, and `Unpack` if the
+    port's beats are wider.
 
-    Members: those of `Fetch`; o: stream of the machine's beats.
+    Members:
+        i: in, stream of `range_record`
+        reads: out, stream of `read_record`, to the memory port
+        data: in, stream of `read_beat`, from the memory port
+        o: out, stream of beats of the machine
 
-    **Timing**: that of `Fetch`.
+    **Timing**: as `Fetch`.
     """
 
     def __init__(self, config: Config, depth: int, count_bits: int):
@@ -222,7 +237,9 @@ class FetchBeats(wiring.Component):
 
 
 def unpacked(m: Module, reader: wiring.Component, fetch: Fetch, unpack: Unpack):
-    """A reader of ranges of slots, for a component with the streams `reads` and `data`."""
+    """Connect `fetch` and `unpack` as a reader of ranges of slots in a component with `reads` and
+    `data`.
+    """
     m.submodules.fetch, m.submodules.unpack = fetch, unpack
     connect(m, fetch.reads, flipped(reader.reads))
     connect(m, flipped(reader.data), fetch.data)

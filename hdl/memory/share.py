@@ -13,14 +13,15 @@ READERS = 2
 
 
 class Share(wiring.Component):
-    """Gives two readers the port by turns of a burst, the first one before the second.
+    """Shares the port between two readers, burst by burst; the first reader has priority.
 
-    Members
-        i: bursts that the readers ask for, streams of `read_record`; o: beats that come back for
-            them, streams of `read_beat`.
-        reads, data: to and from the memory port.
+    Members:
+        i: in, two streams of `read_record`, the readers' bursts
+        o: out, two streams of `read_beat`, their beats
+        reads: out, stream of `read_record`, to the memory port
+        data: in, stream of `read_beat`, from the memory port
 
-    **Timing**: one burst on its way at a time; a request has a latency of 1 cycle, and 2 cycles
+    **Timing**: one burst in flight at a time; a request has a latency of one cycle, and two cycles
     pass from the last beat of a burst to the next request. Beats pass at once. No multiplier.
     """
 
@@ -32,7 +33,7 @@ class Share(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        owner, asked = Signal(READERS), Signal()  # whose burst it is, if any; it is on its way
+        owner, asked = Signal(READERS), Signal()  # current reader; its burst is in flight
         first, second = self.i
         m.d.comb += [
             self.reads.valid.eq(owner.any() & ~asked),

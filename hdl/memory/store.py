@@ -14,11 +14,14 @@ from splatcore.spec.config import Config
 class Store(wiring.Component):
     """Writes items of a fixed number of beats, each as one burst.
 
-    Members
-        i: stream of items and the beat that they begin at: a multiple of their beats.
-        writes: stream of `write_record`.
+    Parameters:
+        beats: beats of the machine per item
 
-    **Timing**: a beat of the port a cycle, latency 0. A path from `writes.ready` to `i.ready`.
+    Members:
+        i: in, stream of {beat, data}: an item and its address in beats, a multiple of its beats
+        writes: out, stream of `write_record`
+
+    **Timing**: one beat of the port per cycle, latency 0. A path from `writes.ready` to `i.ready`.
     """
 
     def __init__(self, config: Config, beats: int):

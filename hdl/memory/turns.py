@@ -1,4 +1,4 @@
-"""A round-robin arbiter, and the choice that it makes among values."""
+"""A round-robin arbiter, and a one-hot multiplexer."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 
 def selected(chosen: Value, values: list) -> Value:
-    """The value whose bit is 1."""
+    """The value whose bit in `chosen` is 1; 0 if there is none."""
     found = Const(0)
     for bit, value in zip(chosen, values, strict=True):
         value = Value.cast(value)
@@ -15,11 +15,13 @@ def selected(chosen: Value, values: list) -> Value:
 
 
 class Turns(wiring.Component):
-    """A round-robin arbiter: chooses one of those that request.
+    """A round-robin arbiter.
 
-    Members
-        wants: a bit for each; favoured: those that come before all others. chosen: at most one of
-            them. served: the chosen one has had its turn.
+    Members:
+        wants: in, one bit per client: it requests
+        favoured: in, one bit per client: it comes before the others
+        chosen: out, one-hot, the chosen client; 0 without requests
+        served: in, the chosen client has had its turn
 
     **Timing**: combinational from `wants` to `chosen`.
     """
@@ -31,12 +33,12 @@ class Turns(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         count = len(self.wants)
-        later = Signal(count)  # those whose turn comes before the others'
+        later = Signal(count)  # clients whose turn comes first
         favoured = self.wants & self.favoured
         wants = Mux(favoured.any(), favoured, self.wants)
         preferred = wants & later
         first = Mux(preferred.any(), preferred, wants)
-        before = Cat(first[:k].any() for k in range(count))  # someone below comes first
+        before = Cat(first[:k].any() for k in range(count))  # a client below comes first
         m.d.comb += self.chosen.eq(first & ~before)
         with m.If(self.served):
             m.d.sync += later.eq(before)

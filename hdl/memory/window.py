@@ -1,4 +1,4 @@
-"""Windows of 4 GiB, where addresses have 64 bits: their numbers beside readers and writers."""
+"""Windows of 4 GiB, with addresses of 64 bits: the window number of each reader and writer."""
 
 from amaranth.lib import data
 
@@ -7,14 +7,17 @@ from splatcore.spec.config import Config
 
 
 def client_windows(config: Config, readers: int, writers: int) -> dict[str, data.ArrayLayout]:
-    """Layouts of the members `read_windows` and `write_windows`: a window's number for each reader
-    and writer, for what it offers in this cycle; none where all memory is one window."""
+    """Layouts of the members `read_windows` and `write_windows`.
+
+    They hold, for each reader and writer, the window of the burst it offers in this cycle. Empty if
+    all memory is one window.
+    """
     bits = window_bits(config)
     counts = {"read_windows": readers, "write_windows": writers} if bits else {}
     return {name: data.ArrayLayout(bits, count) for name, count in counts.items()}
 
 
 def area_windows(config: Config, reading: tuple[str, ...], writing: tuple[str, ...]) -> list[str]:
-    """Areas of these readers and writers that have windows; none where all memory is one window."""
+    """Areas of these readers and writers that have windows; empty if all memory is one window."""
     areas = [*map(READ_AREAS.get, reading), *map(WRITE_AREAS.get, writing)]
     return list(dict.fromkeys(areas)) if window_bits(config) else []

@@ -1,4 +1,4 @@
-"""Reads bursts of the machine's beats through a port with beats of two of them."""
+"""Reads bursts of the machine's beats through a port with beats of double width."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -11,27 +11,32 @@ from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import DATA_BITS, port_beats, read_record
 from splatcore.spec.config import Config
 
-BURSTS_WAITING = 32  # bursts whose beats may be on their way
+BURSTS_WAITING = 32  # bursts whose beats may be in flight
 
 
 class Words(wiring.Component):
-    """Bursts of beats in, these beats out, in order; each beat of the port is read once.
+    """Reads bursts of the machine's beats, in order; each beat of the port is read once.
 
-    A burst that begins with the upper half of the beat of the port with which the one before ended
-    takes that half from a register: neighbours share what lies between them. It does so while the
-    one before is waited for or given, so that nothing that memory has changed since is kept.
+    If a burst begins with the upper half of the port's beat with which the previous burst ended, it
+    takes that half from a register: neighbours share that beat. It does so only while the previous
+    burst is awaited or output, so that no data is kept that memory may have changed since.
 
-    Members
-        i: stream of `read_record`, lengths in the machine's beats; o: stream of these beats.
-        reads, data: to and from memory.
+    Parameters:
+        most: maximum length of a burst, beats
 
-    **Timing**: a burst asked for every cycle, a beat out every cycle, no latency. A path from
+    Members:
+        i: in, stream of `read_record`, lengths in beats of the machine
+        o: out, stream of beats of the machine
+        reads: out, stream of `read_record`, to memory
+        data: in, stream of `read_beat`, from memory
+
+    **Timing**: one burst requested per cycle, one beat out per cycle, no latency. A path from
     `reads.ready` to `i.ready`, and one from `o.ready` to `data.ready`. No multiplier.
     """
 
     def __init__(self, config: Config, most: int):
         if port_beats(config) != 2:
-            raise ValueError(f"a port of {config.port} bits has beats of its own")
+            raise ValueError(f"port {config.port}: its beats are not two beats of the machine")
         self.burst = data.StructLayout({"upper": 1, "left": range(most), "kept": 1})
         self.waiting = Queue(self.burst, BURSTS_WAITING)
         ports = {
@@ -50,7 +55,7 @@ class Words(wiring.Component):
         return m
 
     def _ask(self, m: Module, waiting: Queue, busy: Signal):
-        """The port's beats of a burst but one that is on its way for the burst before."""
+        """Request the port's beats of a burst, except one in flight for the previous burst."""
         i, reads, given = self.i, self.reads, waiting.i
         first, length = i.payload.beat, i.payload.length
         upper, end = first[0], Signal.like(i.payload.beat)  # the beat behind the burst before
@@ -75,7 +80,7 @@ class Words(wiring.Component):
             m.d.sync += end.eq(first + length + 1)
 
     def _give(self, m: Module, bursts: stream.Interface) -> Signal:
-        """Beats of one burst after the other; returns a bit: one is at hand."""
+        """Output the beats burst by burst; return whether a burst is current."""
         busy, burst = Signal(), Signal(self.burst, reset_less=True)
         high, o, back = Signal(DATA_BITS, reset_less=True), self.o, self.data
         beat, fresh, fire = back.payload.beat, Signal(), Signal()

@@ -1,4 +1,4 @@
-"""Gathers slots of a few bytes that are written to neighbouring addresses into bursts."""
+"""Gathers slots of a few bytes at neighbouring addresses into bursts."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -12,20 +12,23 @@ from splatcore.spec.config import Config
 
 
 class WriteCombiner(wiring.Component):
-    """Slots of `size` bytes in, lines out.
+    """Gathers slots of `size` bytes into lines.
 
-    A slot is gathered with those before it if it is of their line and behind the last of them.
-    The line goes out when its last slot has come, when a slot comes that cannot be gathered with
-    it, or when `flush` is high.
+    A slot is added to the line if it is of the same line and behind its last slot. The line is
+    written when its last slot has come, when a slot comes that cannot be added, or when `flush` is
+    high.
 
-    Members
-        i: stream of slots: address (in slots), data.
-        flush: while it is high, what is gathered goes out.
-        writes: stream of `write_record`: bursts of `LINE_BEATS` beats, a line each, without strobes
-            for slots that have not come.
-        empty: all that came has been taken from `writes`.
+    Parameters:
+        size: bytes per slot
 
-    **Timing**: a line of consecutive slots takes a cycle more than it has slots: while its second
+    Members:
+        i: in, stream of {slot, data}: address in slots, and data
+        flush: in, write the gathered slots
+        writes: out, stream of `write_record`: one burst of `LINE_BEATS` beats per line, without
+            strobes for missing slots
+        empty: out, all slots that came have been taken from `writes`
+
+    **Timing**: a line of consecutive slots takes one cycle more than it has slots: while its second
     beat is offered, slots of the next line's first beat are taken. No path, no multiplier. A port
     as wide as a line has no second beat.
     """
@@ -85,7 +88,7 @@ class WriteCombiner(wiring.Component):
         return m
 
     def _data(self, m: Module, gathered, present, written, second: Value):
-        """A beat of the line."""
+        """Drive one beat of the line."""
         bits, size = self.config.port, self.config.port // 8
         data, strobes = Value.cast(gathered), Cat(bit.replicate(self.size) for bit in present)
         m.d.comb += [

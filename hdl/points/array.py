@@ -1,7 +1,7 @@
 """An array of processing elements that runs a microprogram on several items at once.
 
-`spec.schedule` decides on which unit and when each step runs and which register holds each value;
-this file turns its plan into units, operand multiplexers, registers and the sequencer.
+`spec.schedule` decides when and on which unit each step runs, and which register holds each value;
+this file turns that plan into units, operand multiplexers, registers and a sequencer.
 """
 
 from collections.abc import Mapping
@@ -21,34 +21,36 @@ from splatcore.spec.schedule import Place, latencies, pes, schedule
 
 
 def codes(config: Config, names: tuple[str, ...]) -> data.StructLayout:
-    """A float of `Config.arithmetic` for each name."""
+    """Layout with a float of `Config.arithmetic` for each name."""
     return data.StructLayout({name: config.arithmetic.width for name in names})
 
 
 class Array(wiring.Component):
     """Runs a program of `spec.microprogram` on a stream of items.
 
-    A field that is first read in a later round can enter then (`late`), so that it need not travel
-    along: `carried` says which item is in which round.
+    A field that is first read in a later round can enter then (`late`), which saves registers: the
+    `carried` data identifies the item in each round.
 
-    Parameters
-        late: field → the round at whose beginning it enters.
-        carried: shape of the data that accompanies each item unchanged.
-        held: `i.payload` stays while an item is inside, and so only one is inside at a time; then
-            it is read from there.
-        stalls: whether `o` may be not ready. An array that never stalls needs no enables.
+    Parameters:
+        program: the steps, fields, constants and outputs
+        late: field → the round at whose beginning it enters
+        carried: shape of the data that accompanies each item unchanged
+        held: `i.payload` is stable while an item is inside and fields are read from there; so only
+            one item is inside at a time
+        stalls: whether `o.ready` may be low; an array that never stalls needs no enables
 
-    Members
-        i: stream of {fields: the program's fields that are not late, carried}.
-        late: the late fields, each sampled in the last phase of the round before its own.
-        constants: the program's constants; may change while no item is inside.
-        o: stream of {outputs, carried}, in the same order.
-        phase: one bit for each cycle of a round, that of the present one set.
-        rounds: the item in each round: {valid, carried}.
+    Members:
+        i: in, stream of {fields, carried}: the program's fields that are not late, and the data
+        late: in, only if there are late fields: each is sampled in the last phase of the round
+            before its own
+        constants: in, the program's constants; may change while no item is inside
+        o: out, stream of {outputs, carried}, in the same order
+        phase: out, one-hot, the present cycle of the round
+        rounds: out, {valid, carried} of the item in each round
 
-    **Timing**: an item every `plan.interval` cycles, taken in the last phase of a round; its
-    outputs come `plan.length` + 1 cycles later, or so much sooner as `plan.early` says. While `o`
-    is not taken everything stands still.
+    **Timing**: one item every `plan.interval` cycles, taken in the last phase of a round; its
+    outputs come `plan.length` + 1 cycles later, outputs in `plan.early` sooner. While `o` is not
+    taken all registers hold.
     """
 
     def __init__(
@@ -104,7 +106,7 @@ class Array(wiring.Component):
         return m
 
     def _sequence(self, m: Module):
-        """Phases, and the items on their way: one round on at the end of each."""
+        """Phases, and the items in flight, which advance by one round at the end of each round."""
         inside = [Signal(self.inside, name=f"round_{k}") for k in range(self.round_count)]
         m.d.comb += [
             self.rounds.eq(Cat(inside)),
@@ -124,7 +126,7 @@ class Array(wiring.Component):
                 m.d.sync += inside[0].carried.eq(self.i.payload.carried)
 
     def _fields(self, m: Module):
-        """Registers of the fields, for each from the round in which it enters to its last use."""
+        """Registers of the fields, each from the round in which it enters to its last use."""
         self.field_at: dict[tuple[str, int], Value] = {}
         last_use = {name: self.plan.length for name in self.program.outputs}
         for slot in self.plan.places:
@@ -164,13 +166,15 @@ class Array(wiring.Component):
         for (kind, number), unit in self.units.items():
             m.submodules[f"{kind}{number}" if kind == "pe" else kind] = unit
             enable = self.enable
-            if kind in COMPENSATION_UNITS:  # nothing moves for models that want none of it
+            if kind in COMPENSATION_UNITS:  # idle for models without compensation
                 enable = enable & self.constants.antialiased.any()
             m.d.comb += unit.enable.eq(enable)
 
     def _during(self, m: Module, numbers: tuple[int, ...]) -> Value:
-        """High in these phases; decoded in the cycle before where operands go to the multipliers in
-        the same cycle."""
+        """High in these phases.
+
+        Decoded in the previous cycle if operands have no register before the multipliers.
+        """
         if self.units["pe", 0].multiply.registers["operand"]:
             return Cat(self.phase[number] for number in numbers).any()
         if numbers not in self.decoded:
@@ -181,8 +185,8 @@ class Array(wiring.Component):
         return self.decoded[numbers]
 
     def _select(self, m: Module, sources: Mapping[int, Value]) -> Value:
-        """The present phase's source; 0 or any source in phases that have none."""
-        phases: dict[int, list[int]] = {}  # of sources that are one and the same
+        """The source of the present phase; 0 or any source in phases that have none."""
+        phases: dict[int, list[int]] = {}  # by identity of the source
         for number, source in sources.items():
             phases.setdefault(id(source), []).append(number)
         if len(phases) == 1:
@@ -194,7 +198,7 @@ class Array(wiring.Component):
         return value
 
     def _registers(self, m: Module):
-        """The banks: every wait takes its value over in one phase of each round."""
+        """The banks: every register is loaded in fixed phases of each round."""
         takes: dict[tuple, dict[int, object]] = {}
         for wait in self.plan.waits:
             phase = wait.begin % self.plan.interval
@@ -211,7 +215,7 @@ class Array(wiring.Component):
                 m.d.sync += self.banks[key].eq(value)
 
     def _operands(self, m: Module):
-        """The units' operands: one source for each phase."""
+        """The units' operands: one source per phase."""
         operands: dict[tuple, dict[str, dict[int, Value]]] = {}
         for slot in self.plan.places:
             key = (slot.step.unit, slot.number)
@@ -223,7 +227,7 @@ class Array(wiring.Component):
                 m.d.comb += getattr(self.units[key], port).eq(self._select(m, sources))
 
     def _sources(self, slot: Place) -> dict[str, Value]:
-        """A step's operands by port; an absent factor is 1, an absent summand a zero."""
+        """A step's operands by port; a missing factor is 1, a missing summand a zero."""
         step = slot.step
         a = self._source(step.a, slot.time)
         sources = {"a": a ^ (1 << (len(a) - 1)) if step.negate else a}

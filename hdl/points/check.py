@@ -1,4 +1,4 @@
-"""Checks a frame's registers before anything of it begins."""
+"""Checks a frame's registers before the frame begins."""
 
 from amaranth.hdl import Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
@@ -22,22 +22,23 @@ from splatcore.spec.work import (
 )
 
 LATENCY = 2
-"""Cycles from the registers to what is found."""
+"""Cycles from the registers to the result."""
 
 
 class Check(wiring.Component):
-    """Finds out whether a frame's registers describe a frame that this machine can make.
+    """Checks whether a frame's registers describe a frame that this machine can render.
 
-    The image's size and stride, the alignment of all addresses, and whether everything but the
-    model ends within 4 GiB: the table of groups as for the largest image, list pages and features
-    of both work areas, scratch memory, all rows of the image.
+    It checks the image's size and stride, the alignment of all addresses, and whether everything
+    except the model ends within 4 GiB: the table of groups of the largest image, list pages and
+    features of both work areas, scratch memory, all rows of the image.
 
-    Members
-        frame: the registers.
-        error, detail: `ErrorCode`, NONE if all is well.
+    Members:
+        frame: in, `frame_layout`, the registers
+        error: out, `ErrorCode`, NONE if the frame is valid
+        detail: out, detail of the error
 
-    **Timing**: `LATENCY`. Multipliers of HEIGHT's and STRIDE's bits for the image's end, and of
-    groups along both sides.
+    **Timing**: `LATENCY` cycles. One multiplier of HEIGHT's and STRIDE's bits for the image's end,
+    and one of the numbers of groups along both sides.
     """
 
     def __init__(self, config: Config):
@@ -61,7 +62,7 @@ class Check(wiring.Component):
         return m
 
     def _sizes(self, m: Module) -> list[Value]:
-        """Whether width, height and stride are impossible; with too many groups the width is."""
+        """Whether width, height and stride are invalid; too many groups count as width."""
         frame, config = self.frame, self.config
         side = exact_log2(TILE * config.group)
         sides = {name: frame[name] for name in ("width", "height")}
@@ -87,7 +88,7 @@ class Check(wiring.Component):
         }
 
     def _beyond(self, m: Module) -> dict[str, Value]:
-        """Whether what begins at a register's address ends beyond the last one."""
+        """Whether the data at a register's address ends beyond the last address."""
         frame, config = self.frame, self.config
         lengths = {
             "GROUPS": Const(aligned(groups_max(config) * SLOT) // WORK_ALIGNMENT),
@@ -109,8 +110,10 @@ class Check(wiring.Component):
 
 
 def units(count: Value, each: int) -> Value:
-    """Units of `WORK_ALIGNMENT` that a number of items of so many bytes needs; each divides it, or
-    is a multiple of it."""
+    """Number of units of `WORK_ALIGNMENT` for `count` items of `each` bytes.
+
+    each: a divisor or a multiple of `WORK_ALIGNMENT`
+    """
     if each >= WORK_ALIGNMENT:
         return count << exact_log2(each // WORK_ALIGNMENT)
     shift = exact_log2(WORK_ALIGNMENT // each)

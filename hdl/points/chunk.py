@@ -1,4 +1,4 @@
-"""Stage 0's front: values that a chunk's points share, and skipping of chunks out of view."""
+"""Front of stage 0: values that a chunk's points share, and skipping of chunks out of view."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
@@ -30,7 +30,7 @@ CONVERT_LATENCY = 4  # cycles from grid steps to a float
 
 
 def _chosen(chosen: Value, values: data.View) -> Value:
-    """The bits of the value that is chosen, one of them at most; 0 without one."""
+    """The bits of the value selected by a one-hot `chosen`; 0 if that is 0."""
     found = Const(0)
     for one, value in zip(chosen, values, strict=True):
         bits = Value.cast(value).as_unsigned()
@@ -39,22 +39,23 @@ def _chosen(chosen: Value, values: data.View) -> Value:
 
 
 class Chunk(wiring.Component):
-    """Chunk headers in, chunks that may hold something visible out; the others are skipped.
+    """Passes on the chunks that may contain something visible, with the values that their points
+    share.
 
     A chunk is skipped if the bounds of its points are behind the near plane or beyond the guard
     band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
-    bounds; there nothing is skipped.
+    bounds; then no chunk is skipped.
 
-    Members
-        i: stream of `CHUNK_HEADER`, in the order of the model.
-        gaussians: how many the model has, at least 1; with the last chunk a frame ends and the
-            next header is taken for that of chunk 0.
-        camera, position_exponent, near_plane, constants: registers of the frame.
-        o: stream of `chunk_record`.
-        taken: a header is through, kept or skipped; high for a cycle.
+    Members:
+        i: in, stream of `CHUNK_HEADER`, in the order of the model
+        gaussians: in, number of Gaussians in the model, at least 1; with the last chunk a frame
+            ends, and the next header belongs to chunk 0
+        camera, position_exponent, near_plane, constants: in, registers of the model and the frame
+        o: out, stream of `chunk_record`
+        taken: out, a header is done, kept or skipped, high for one cycle
 
-    **Timing**: one PE; a header every `plan.length` + 15 cycles (38 in `DEFAULT`, while the points
-    of a full chunk take 1024). One at a time, so its numbers need not be carried along.
+    **Timing**: one PE; a header every `plan.length` + 15 cycles (`DEFAULT`: 38, while the points of
+    a full chunk take 1024). One header at a time, so its numbers need not be carried along.
     """
 
     def __init__(self, config: Config):
@@ -75,28 +76,30 @@ class Chunk(wiring.Component):
         m = Module()
         m.submodules.array = self.array = Array(self.config, self.program, held=True)
         self.number = Signal(NUMBER_BITS)
-        # Beats of attributes of all chunks before, over CHUNK: none but a model's last has fewer.
+        # Beats of attributes of all earlier chunks, over CHUNK: only a model's last has fewer.
         self.beats = Signal(BEATS_BITS - PLACE_BITS)
         self._run(m, *self._converted(m))
         self._give(m)
         return m
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
-        """A bit: all are converted; the chunk's two ends along each world axis as floats, made one
-        after the other by one converter and moved apart."""
+        """The chunk's two ends along each world axis as floats, converted one after the other.
+
+        Returns a bit (all are converted), the low ends and the high ends.
+        """
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         way = Signal(signed(AWAY.width))
-        # A bit for each step, that of the present one set: axes of the low ends, then of the high
-        # ends, then what the converter takes.
+        # One-hot: a step for each axis of the low ends, then of the high ends, then the steps that
+        # the converter takes.
         step = Signal(2 * len(AXES) + CONVERT_LATENCY + 2, init=1)
         low_ends, high_ends = step[: len(AXES)], step[len(AXES) :][: len(AXES)]
         converted = step[-1]
-        high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # what leaves the converter
+        high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # the converter outputs a high end
         origin = _chosen(low_ends | high_ends, header.origin).as_signed()
         eye = _chosen(low_ends | high_ends, self.camera).as_signed()
-        # The largest offset with this extent is below the next one's smallest.
+        # The largest offset with this extent is below the smallest offset with the next extent.
         end = (_chosen(high_ends, header.extent) + high_ends.any()) << EXTENT_SHIFT
         span = (end << _chosen(high_ends, header.shift))[: AWAY.width]
         m.d.sync += way.eq(origin + span - eye)
@@ -116,7 +119,7 @@ class Chunk(wiring.Component):
         return converted, values[: len(AXES)], values[len(AXES) :]
 
     def _outward(self, code: Value, up: Value) -> Value:
-        """A code `CORNER_STEPS` farther up or down, unless it is at an end of the format."""
+        """A code moved `CORNER_STEPS` codes up or down, unless it is at an end of the format."""
         size, exponent = code[:-1], code[self.config.arithmetic.fraction : -1]
         inside, bits = exponent.any() & ~exponent[1:].all(), CORNER_STEPS.bit_length() - 1
         grows = code[-1] != up
@@ -124,7 +127,7 @@ class Chunk(wiring.Component):
         return Cat(size[:bits], Mux(inside, moved[: len(size) - bits], size[bits:]), code[-1])
 
     def _run(self, m: Module, converted: Value, low: list, high: list):
-        """The header's numbers go through the array once."""
+        """Run the header's numbers through the array once."""
         fields, inside = self.array.i.payload.fields, Signal()
         m.submodules.reach = reach = Convert(REACH, self.config.arithmetic, 0)
         m.d.comb += [reach.i.eq(self.i.payload.reach), reach.enable.eq(1)]
@@ -140,7 +143,7 @@ class Chunk(wiring.Component):
         m.d.comb += self.array.constants.eq(self.constants)
 
     def _give(self, m: Module):
-        """Decide, and hand the chunk over."""
+        """Decide whether to keep the chunk, and pass it on."""
         header, found, payload = self.i.payload, self.array.o.payload.outputs, self.o.payload
         kept, known = judged(m, self.array.o, self._kept(m, found))
         last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
@@ -175,7 +178,9 @@ class Chunk(wiring.Component):
             m.d.sync += self.beats.eq(Mux(last, 0, self.beats + each))
 
     def _kept(self, m: Module, found: data.View) -> Value:
-        """High if a point within the bounds can be in front and in the guard band."""
+        """High if a point within the bounds can be in front of the near plane and in the guard
+        band.
+        """
         if self.config.position != "chunk" or self.config.culling == "none":
             return Value.cast(1)
         pairs = {"front": (self.near_plane, found.z_high)}

@@ -1,6 +1,6 @@
-"""The codebooks on chip: a Gaussian's indices to the sums of their entries.
+"""The codebooks on chip: sums of the entries that a Gaussian's indices select.
 
-Models in steps need no codebooks: their harmonics wait in the same memory.
+Models in steps need no codebooks: their harmonics are stored in the same memory.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ from splatcore.spec.number import Fixed
 from splatcore.spec.programs import SLOPES
 
 FACTOR_BITS = model_format(Config(), 0).attribute_record.offset("colour0")
-"""Bits of the first beat of attributes below those of the colour: L and opacity."""
+"""Bits of the first beat of attributes below the colour: L and opacity."""
 
 INDEX_BITS = ATTRIBUTE_BITS - FACTOR_BITS
 
@@ -42,7 +42,7 @@ FIRST_WORD = 2
 
 
 def sum_of(entry: Fixed, stages: int) -> Fixed:
-    """The format of a sum of one entry from each stage: it never overflows."""
+    """Format of a sum of one entry from each stage; it never overflows."""
     steps = range(stages * int(entry.min), stages * int(entry.max) + 1)
     return Fixed(Shape.cast(steps).width - 1, 0, signed=True)
 
@@ -50,28 +50,30 @@ def sum_of(entry: Fixed, stages: int) -> Fixed:
 class Codebook(wiring.Component):
     """Looks up colours and harmonics (the matrix G of `spec.memory`) of Gaussians.
 
-    The memory holds both codebooks as they lie in DRAM. Each cycle reads the entry of one stage;
-    first those of the colour. Where colours are made beside the array it also holds beats of
-    harmonics, of models in steps.
+    The memory holds both codebooks as they are in DRAM. Each cycle reads the entry of one stage,
+    colour stages first. If colours are not made in the array (`Config.colours`), the memory also
+    holds beats of harmonics of models in steps.
 
-    Members
-        write: stream of words of the memory with their addresses, always taken.
-        start: an item begins; not before `interval` cycles after the one before it.
-        index: bits of its attributes from `FACTOR_BITS` on, taken in that cycle and the next two.
-        sh: whether the model has harmonics; stays for a frame.
-        colour: sums of the entries `latency` cycles after the start, in integers; they stay for the
-            next cycle, and longer if items come farther apart than `interval`. g: those of the
-            elements of G, row by row, if the model has harmonics, as long.
-        codebooks: the model has some; if not, `colour` is the item's base in steps. Stays for a
-            frame.
-        beat: {valid, address, word}: as `write`, never in the same cycle.
-        read: whether to read a word, at which address, if there are no codebooks; word: the answer
-            a cycle later, which stays.
+    Members:
+        write: in, stream of {address, word}, words of the memory, always taken
+        start: in, an item begins; at least `interval` cycles after the previous one
+        index: in, bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
+        colour: out, integers, sums of the colour entries `latency` cycles after the start; they
+            stay for the next cycle, and longer if items are farther apart than `interval`; without
+            codebooks the item's base in steps
+        sh: in, only if the machine has harmonics: the model has harmonics; stable for a frame
+        g: out, only if the machine has harmonics: sums of the elements of G, row by row, held as
+            long as `colour`; valid if the model has harmonics
+        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks; stable for
+            a frame
+        beat: in, only if `Config.colours` is not `array`: {valid, address, word}, as `write`, never
+            in the same cycle
+        read: in, only if `Config.colours` is not `array`: {enable, address} of a word to be read,
+            for models without codebooks
+        word: out, only if `Config.colours` is not `array`: the word read, one cycle later; it is
+            held
 
-    A machine for models without harmonics has no `sh` and no `g`; one that makes colours in the
-    array has only codebooks, and none of the last four.
-
-    **Timing**: an item every `interval` cycles (`DEFAULT`: 5), `latency` 6. No multiplier.
+    **Timing**: one item every `interval` cycles (`DEFAULT`: 5), `latency` 6. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -132,7 +134,7 @@ class Codebook(wiring.Component):
         return self.time[FIRST_WORD + self.reads.index(name)]
 
     def _index(self, name: str) -> Value:
-        """An item's index of a stage. Models without harmonics have theirs at other offsets."""
+        """An item's index of a stage; models without harmonics have it at another offset."""
         records = [format.attribute_record for format in self.formats]
         fields = [
             self.index[record.offset(name) - FACTOR_BITS :][: record[name].width]
@@ -142,7 +144,7 @@ class Codebook(wiring.Component):
         return Mux(self.sh, fields[1], fields[0]) if len(fields) == 2 else Cat(fields)
 
     def _read(self, m: Module) -> tuple[Value, Value]:
-        """The memory: a word a cycle, and the index of the colour entry within it."""
+        """The memory: one word per cycle, and the index of the colour entry within it."""
         m.submodules.memory = memory = Memory(shape=CODEBOOK_WORD * 8, depth=self.words, init=[])
         write, read = memory.write_port(), memory.read_port()
         source, enable = self.write.payload, self.write.valid
@@ -156,7 +158,7 @@ class Codebook(wiring.Component):
         else:
             m.d.comb += [write.addr.eq(source.address), write.data.eq(source.word)]
             m.d.comb += write.en.eq(enable)
-        # Indices wait in line for the address, counted in colour entries.
+        # A shift register of indices, counted in colour entries, ends at the address.
         entries = [Signal(range(self.words << LANE_BITS), reset_less=True) for _ in self.reads]
         for k, name in enumerate(self.reads):
             index = self._index(name)

@@ -1,4 +1,4 @@
-"""Colours of Gaussians, made beside the projection's array in small integers (`spec.colour`)."""
+"""Colours of Gaussians in small integers, computed outside the array (`spec.colour`)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed
 from amaranth.lib import data, wiring
@@ -32,37 +32,40 @@ RAY = ("ray_x", "ray_y", "ray_z")
 RAYS = data.StructLayout(dict.fromkeys(RAY, BASIS.width))
 
 STEPS = data.StructLayout({"harmonics": LAYOUT_BITS, "step": data.ArrayLayout(STEP_BITS, DEGREES)})
-"""What a Gaussian has from its chunk's header."""
+"""Values of a Gaussian from its chunk's header."""
 
 BEATS = 2
 """Beats of harmonics that a slot has room for."""
 
 
 class Colour(wiring.Component):
-    """Rays and attributes of Gaussians in, colours out, always as long after.
+    """Computes the colours of Gaussians from rays and attributes, with a fixed latency.
 
-    The polynomials are made by an array in step with the projection's, of which `phase` and
-    `rounds` say which slot is where. All else of a slot is read when it is wanted.
+    The polynomials are computed by an array that runs in step with the projection's, whose `phase`
+    and `rounds` show where each slot is. All other parts of a slot are read when they are needed.
 
-    Parameters
-        rounds: the layout of the projection's `rounds`, whose `carried` is the slot.
-        interval: cycles of a round.
+    Parameters:
+        rounds: layout of the projection's `rounds`, whose `carried` is the slot
+        interval: cycles per round
 
-    Members
-        phase, rounds: those of the projection's array.
-        ray: codes of `BASIS` of the Gaussian that enters at the end of this cycle, if one does.
-        write, beat: those of `hdl.points.codebook`; the address of a beat is its slot's number
-            times `BEATS` and its own.
-        sh, codebooks, exponent: registers of the model. Without codebooks `sh` does not matter.
-        index, steps: {slot, enable}: parts of a slot to be read. found_index, found_steps: these a
-            cycle later; they stay until the next reading.
-        o: {valid, colours}: codes of `unscaled_colour_format`, for one cycle.
+    Members:
+        write: in, stream of {address, word}, words of the codebook memory
+        beat: in, {valid, address, word}, a beat of harmonics; the address is the slot's number
+            times `BEATS` plus the number of the beat
+        sh: in, only if the machine has harmonics: the model has harmonics; ignored without
+            codebooks
+        codebooks: in, the model has codebooks
+        phase, rounds: in, of the projection's array
+        exponent: in, E of each degree, from the model's header
+        index, steps: out, {slot, enable}, parts of a slot to be read
+        found_index, found_steps: in, these parts one cycle later; held until the next reading
+        o: out, {valid, red, green, blue}, codes of `unscaled_colour_format`, for one cycle
+        ray: in, only if the machine has harmonics: codes of `BASIS` of the Gaussian that enters at
+            the end of this cycle, if there is one
 
-    A machine without harmonics has no `ray` and no `sh`.
-
-    **Timing**: a Gaussian each round, which has `spec.schedule.colour_cycles` cycles at least; its
-    colours appear in time `latency` of its own (`DEFAULT` 42): cycles since its first round began.
-    All is read by time `last_read`.
+    **Timing**: one Gaussian per round of at least `spec.schedule.colour_cycles` cycles; its colours
+    appear in time `latency` (`DEFAULT`: 42), counted in cycles since its first round began. All
+    parts are read by time `last_read`.
     """
 
     def __init__(self, config: Config, rounds: data.ArrayLayout, interval: int):
@@ -74,7 +77,7 @@ class Colour(wiring.Component):
             raise ValueError(f"preset {config.name}: colours take longer than {interval} cycles")
         if self.codebook.words < BEATS * config.projection_slots:
             raise ValueError(f"preset {config.name}: codebook is too small for the slots' beats")
-        # Time of the base and the first term: its polynomials are there, and all of G.
+        # Time of the base and the first term, when its polynomials and all of G are available.
         self.begin = self.codebook.latency + 1
         if self.terms:
             self.basis = Array(basis_machine(config), basis(config), stalls=False)
@@ -107,7 +110,7 @@ class Colour(wiring.Component):
 
     @property
     def _later(self) -> list[tuple[int, int, int]]:
-        """Layouts with a second beat …: (layout, beat, its first term that the machine has)."""
+        """Further beats of layouts: (layout, beat, the beat's first term that the machine has)."""
         found = []
         for number, layout in enumerate(LAYOUTS):
             for beat, record in enumerate(layout.records[1:], 1):
@@ -121,8 +124,8 @@ class Colour(wiring.Component):
         connect(m, flipped(self).write, codebook.write)
         m.d.comb += codebook.beat.eq(self.beat)
         m.d.comb += [codebook.codebooks.eq(self.codebooks), codebook.index.eq(self.found_index)]
-        # Bit 0 is set when the first beat of harmonics is read, bit 1 when the base is due, and so
-        # is the first term, and so on.
+        # Bit 0 is set when the first beat of harmonics is read, bit 1 when the base and the first
+        # term are due, bit 2 for the second term, and so on.
         self.turn = Signal(1 + self.turns + Terms.latency)
         m.d.sync += self.turn.eq(Cat(self._at(self.begin - 2), self.turn))
         self._read(m)
@@ -144,26 +147,26 @@ class Colour(wiring.Component):
         return self.rounds[number].valid & self.phase[phase]
 
     def _slot(self, time: int) -> Value:
-        """The slot of the Gaussian in that time's round."""
+        """The slot of the Gaussian in the round of that time."""
         return self.rounds[time // self.interval].carried
 
     def _read(self, m: Module):
-        """Parts of the slot, and beats of harmonics, each just before it is wanted."""
+        """Read parts of the slot and beats of harmonics, each just before it is needed."""
         start = self.begin - self.codebook.latency
         for read, time in ((self.index, start - 1), (self.steps, self.begin - 1)):
             m.d.comb += [read.slot.eq(self._slot(time)), read.enable.eq(self._at(time))]
         m.d.comb += self.codebook.start.eq(self._at(start))
         slot, beat, enable = self._slot(self.begin - 1), Const(0, 1), self.turn[0]
-        for number, which, first in self._later:
+        for number, later_beat, first in self._later:
             chosen = self.turn[first] & (self.found_steps.harmonics == number)
             slot = Mux(chosen, self._slot(self.begin - 1 + first), slot)
-            beat |= Mux(chosen, which, 0)
+            beat |= Mux(chosen, later_beat, 0)
             enable |= chosen
         read = self.codebook.read
         m.d.comb += [read.address.eq(Cat(beat[:1], slot)), read.enable.eq(enable)]
 
     def _shift(self, m: Module):
-        """The base's and each term's shift and factor."""
+        """The shift and factor of the base and of each term."""
         steps, in_steps = self.found_steps.step, ~self.codebooks
         m.d.comb += self.sum.base_shift.eq(
             GAIN - self.exponent[0] + Mux(in_steps, steps[0] >> 1, 0)
@@ -187,7 +190,7 @@ class Colour(wiring.Component):
         m.d.comb += self.sum.three.eq(in_steps & step[0])
 
     def _multiplicands(self, m: Module):
-        """Codes of a term from the harmonics' beat, or a part of G."""
+        """Codes of a term from the beat of harmonics, or a part of G."""
         word, harmonics = self.codebook.word, self.found_steps.harmonics
         for c, channel in enumerate(CHANNELS):
             sources: list[list[Value]] = [[] for _ in range(LANES)]
@@ -212,7 +215,7 @@ class Colour(wiring.Component):
                 m.d.comb += self.sum.multiplicands[c][lane].eq(value)
 
     def _polynomials(self, m: Module):
-        """The array that makes them, and a term's in each turn as integers."""
+        """The array that computes the polynomials; each turn, a term's polynomials as integers."""
         m.submodules.basis = array = self.basis
         constants = array.constants
         m.d.comb += [
@@ -223,7 +226,7 @@ class Colour(wiring.Component):
         outputs = array.o.payload.outputs
         scales = range(min(min(t.doubled) for t in TERMS), max(max(t.doubled) for t in TERMS) + 1)
         for lane in range(LANES):
-            # Rounding has more time than shifting where products are multiplier blocks.
+            # If products are multiplier blocks, there is more time for rounding than for shifting.
             registers = 1 if self.config.logic == "gates" else {"shift": 1, "round": 0}
             convert = ToFixed(BASIS, POLYNOMIAL, registers, scales)
             m.submodules[f"polynomial_{lane}"] = convert
@@ -233,7 +236,7 @@ class Colour(wiring.Component):
                     value |= Mux(self.turn[k], outputs[term.polynomials[lane]], 0)
                     with m.If(self.turn[k - 1]):  # decoded in the cycle before
                         m.d.sync += scale.eq(term.doubled[lane])
-            # Both parts of G are multiplied with the first term's.
+            # Both parts of G are multiplied by the polynomials of the first term.
             m.d.comb += convert.enable.eq(~(self.codebooks & self.turn[2]))
             m.d.comb += [convert.i.eq(value), convert.scale.eq(scale)]
             m.d.comb += self.sum.polynomials[lane].eq(convert.o)

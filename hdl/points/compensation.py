@@ -1,7 +1,6 @@
-"""Units of the opacity compensation of antialiased models: `spec.compensation`, to the bit.
+"""Units of the opacity compensation of antialiased models, bit for bit as in `spec.compensation`.
 
-All have the members `a`, `b`, … (operands), `o` (the result `latency` cycles later) and `enable`
-(low: every register holds). An item per cycle each.
+Each takes one item per cycle; the result comes `latency` cycles after the operands.
 """
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed
@@ -27,8 +26,9 @@ from splatcore.spec.number import Float
 
 
 def product_layout(config: Config) -> data.StructLayout:
-    """A product: its exponent from the least one on (0 for zero), its significand with the leading
-    one."""
+    """Layout of a product: exponent above the minimum (0 for zero), significand with the leading
+    one.
+    """
     exponent = range(len(product_exponents(config)))
     return data.StructLayout({"sign": 1, "exponent": exponent, "significand": PRODUCT_BITS})
 
@@ -44,7 +44,7 @@ def log_width(config: Config) -> int:
 
 
 def logarithm(exponent: Value, below: Value) -> Value:
-    """Code of log2 of a number of that exponent, signed, and the bits below its leading one."""
+    """Code of log2 of a number with this signed exponent and these bits below its leading one."""
     whole = Cat(below[-LOG_FRACTION:], exponent).as_signed()
     return whole + table(CORRECTIONS, below[-LOG_INDEX:])
 
@@ -56,9 +56,12 @@ def table(entries: tuple[int, ...], index: Value) -> Value:
 
 
 class Product(wiring.Component):
-    """o = a · b, cut off to `PRODUCT_BITS` significant bits, exponent exact.
+    """o = a · b, truncated to `PRODUCT_BITS` significant bits, exponent exact.
 
-    Members: a, b: codes of `Config.arithmetic`; o: `product_layout`.
+    Members:
+        a, b: in, codes of `Config.arithmetic`
+        enable: in, while it is low all registers hold
+        o: out, `product_layout`
 
     **Timing**: a multiplier of `fraction` + 1 bits squared; any latency, 0 is combinational.
     """
@@ -94,7 +97,7 @@ class Product(wiring.Component):
         made = Signal(product_layout(self.config))
         with m.If(some):
             m.d.comb += made.sign.eq(sign)
-            # Biased exponents of numbers other than 0 are 1 and more.
+            # Biased exponents of numbers other than 0 are at least 1.
             m.d.comb += made.exponent.eq(sums - Mux(carry, 1, 2))
             m.d.comb += made.significand.eq(Mux(carry, top[1:], top[:-1]))
         m.d.comb += self.o.eq(*pipeline.cut("normalised", made))
@@ -102,9 +105,13 @@ class Product(wiring.Component):
 
 
 class Minor(wiring.Component):
-    """o = log2 (a − b)² − c; the least logarithm if a and b, cut off alike, are equal.
+    """o = log2 (a − b)² − c; the minimum logarithm if a and b, truncated alike, are equal.
 
-    Members: a, b: `product_layout`; c, o: logarithms.
+    Members:
+        a, b: in, `product_layout`
+        c: in, a logarithm
+        enable: in, while it is low all registers hold
+        o: out, a logarithm
 
     **Timing**: no multiplier; latency 4: aligned, subtracted, normalised, logarithm.
     """
@@ -133,7 +140,7 @@ class Minor(wiring.Component):
         added, large, small, exponent, subtrahend = cut(
             "align", a.sign ^ b.sign, large, aligned, exponent, self.c
         )
-        # The smaller exponent's number is not above the other one, unless they are alike.
+        # The number with the smaller exponent is not the larger one, unless exponents are equal.
         difference = large - small
         size = Signal(PRODUCT_BITS + 1)
         negated = Mux(difference[-1], small - large, difference)
@@ -156,9 +163,12 @@ class Minor(wiring.Component):
 
 
 class Log(wiring.Component):
-    """o = log2 |a|; of 0 as of 2^−bias.
+    """o = log2 |a|; for 0 that is −bias.
 
-    Members: a: code of `Config.arithmetic`; o: a logarithm.
+    Members:
+        a: in, code of `Config.arithmetic`
+        enable: in, while it is low all registers hold
+        o: out, a logarithm
 
     **Timing**: no multiplier, latency 1.
     """
@@ -181,7 +191,10 @@ class Log(wiring.Component):
 class LogSum(wiring.Component):
     """o = log2 (2^a + 2^b).
 
-    Members: a, b, o: logarithms.
+    Members:
+        a, b: in, logarithms
+        enable: in, while it is low all registers hold
+        o: out, a logarithm
 
     **Timing**: no multiplier; latency 2: difference, sum.
     """
@@ -208,9 +221,12 @@ class LogSum(wiring.Component):
 
 
 class Fade(wiring.Component):
-    """o = a − b, not below 0, in steps of opacity as a float; at most `FADE.max`.
+    """o = a − b, at least 0 and at most `FADE.max`, in steps of opacity as a float.
 
-    Members: a, b: logarithms; o: code of `Config.arithmetic`.
+    Members:
+        a, b: in, logarithms
+        enable: in, while it is low all registers hold
+        o: out, code of `Config.arithmetic`
 
     **Timing**: no multiplier; latency 2: difference, float.
     """

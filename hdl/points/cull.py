@@ -18,19 +18,21 @@ from splatcore.spec.point import EXPONENT, PLACE_BITS, culling_record, point_rec
 
 
 class Cull(wiring.Component):
-    """Points of the chunks that are kept in, points in front of the near plane out.
+    """Reads the points of the chunks that are kept; passes on the points in front of the near
+    plane.
 
-    Inside, numbers are those of `spec.depth.finer`.
+    Numbers inside have the formats of `spec.depth.finer`.
 
-    Members
-        chunks: stream of `culling_record`, taken with the chunk's last point.
-        positions: stream of memory beats (`hdl.points.position`).
-        camera, position_exponent, near_plane, constants: registers of the frame.
-        small: the model is a small one (`hdl.points.position`).
-        o: stream of `point_record` with z and z_low.
-        taken: a point has been read; high for a cycle.
+    Members:
+        chunks: in, stream of `culling_record`, taken with the chunk's last point
+        positions: in, stream of memory beats (`hdl.points.position`)
+        camera, position_exponent, near_plane, constants: in, registers of the model and the frame
+        o: out, stream of `point_record` with z and z_low
+        taken: out, a point has been read, high for one cycle
+        small: in, only if `Config.small_models` and positions are stored by chunk
+            (`hdl.points.position`): the model is a small one
 
-    **Timing**: one PE, a point every 4 cycles, latency about 30. No path from `o` to `positions`.
+    **Timing**: one PE, one point every 4 cycles, latency about 30. No path from `o` to `positions`.
     """
 
     def __init__(self, config: Config):

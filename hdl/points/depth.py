@@ -1,4 +1,4 @@
-"""Depths and rays in `spec.depth`'s finer numbers, and narrowed to those of all else."""
+"""Depths and rays in the finer numbers of `spec.depth`, and rounded to `Config.arithmetic`."""
 
 from amaranth.hdl import Cat, Const, Value
 
@@ -14,7 +14,7 @@ def widened(config: Config, code: Value) -> Value:
 def narrowed(config: Config, code: Value) -> Value:
     """A code of `spec.depth.finer` rounded to one of `Config.arithmetic`.
 
-    To nearest, a tie away from zero; z_low is the code's lowest bits.
+    To nearest, ties away from zero; z_low is the code's lowest bits.
     """
     bits = low_bits(config)
     if not bits:

@@ -19,27 +19,32 @@ RANGE_BITS = 10  # width of the number of beats of a read: a header, or all code
 
 
 class Load(wiring.Component):
-    """Reads a model's header, checks that this machine can render it, and loads its codebooks.
+    """Reads a model's header, checks that this machine can render the model, and loads its
+    codebooks.
 
-    Members
-        start: begin. model: address of the model in beats; it stays until `loaded`.
-        ranges: stream of `range_record` to be read; beats: stream of these.
-        write: the codebook memory's words.
-        gaussians, position_exponent, exponent: what the header says.
-        sh: the model's degree is above 0. codebooks: it is compact; a machine with colours in the
-            array renders no others and has no such bit. small: it has half a beat of attributes for
-            each Gaussian, if the machine knows such models. antialiased: its opacities are to be
-            compensated, if the machine does that.
-        positions, attributes: addresses of these parts in beats.
-        loaded: the header, and codebooks if there are any, have been read, until the next start.
-        error, detail: `ErrorCode`, not NONE: the header does not fit; nothing more happens.
+    If the parts are in order, end within 4 GiB and have a beat of attributes per Gaussian, nothing
+    beyond the model's end is read, except further beats of attributes, which chunk headers ask for:
+    positions take less than attributes. Only the host can check the contents, by the checksum.
 
-    A header whose parts are in order and end within 4 GiB, with a beat of attributes for each
-    Gaussian, has nothing read beyond the model's end, but for further beats of attributes, which
-    chunk headers tell of: positions take less than attributes. Whether the bytes are the right ones
-    only the host can tell, by the checksum.
+    Members:
+        start: in, begin
+        model: in, address of the model in beats; stable until `loaded`
+        ranges: out, stream of `range_record` to be read
+        beats: in, stream of their beats
+        write: out, stream of {address, word}, words of the codebook memory
+        gaussians, position_exponent, exponent: out, fields of the header
+        sh: out, the model's degree is above 0
+        positions, attributes: out, addresses of these parts in beats
+        loaded: out, header and codebooks (if any) have been read; until the next start
+        error: out, `ErrorCode`; if it is not NONE, the header is invalid and nothing more happens
+        detail: out, detail of the error
+        codebooks: out, only if `Config.colours` is not `array`: the model is compact (other
+            machines render no other models)
+        small: out, only if `Config.small_models`: the model has half a beat of attributes per
+            Gaussian
+        antialiased: out, only if `Config.compensates`: opacities are to be compensated
 
-    **Timing**: a beat a cycle; a header of 4 beats and up to 512 of codebooks for each frame.
+    **Timing**: one beat per cycle; a header of 4 beats and up to 512 beats of codebooks per frame.
     """
 
     def __init__(self, config: Config):
@@ -77,7 +82,7 @@ class Load(wiring.Component):
         number = Signal(range(max(memory.HEADER.size // BEAT, *self.words) + 1))
         m.d.comb += self.write.payload.address.eq(number)
         m.d.comb += self.write.payload.word.eq(self.beats.payload)
-        header, codebooks = Signal(), Signal()  # beats are of the one or the other
+        header, codebooks = Signal(), Signal()  # beats belong to the header, to the codebooks
         colours = self._header(m, number, header)
         words = Array(self.words)[self.sh]
         ranges, asked = self.ranges.payload, self.ranges.valid & self.ranges.ready
@@ -117,11 +122,11 @@ class Load(wiring.Component):
         return m
 
     def _address(self, part: Value) -> Value:
-        """The address in beats at which a part of the model begins."""
+        """The address in beats of a part of the model."""
         return self.model + part * (memory.ALIGNMENT // BEAT)
 
     def _header(self, m: Module, number: Value, header: Value) -> Signal:
-        """Keep and check the fields in the header's beat `number`; the codebooks' address."""
+        """Store and check the fields of header beat `number`; return the codebooks' address."""
         offsets = memory.HEADER.offsets
 
         def field(name: str) -> Value:
@@ -145,7 +150,7 @@ class Load(wiring.Component):
             kept["version"] = self.antialiased, field("version") == memory.VERSIONS[True]
         parts = {"positions": self.positions, "attributes": self.attributes, "colours": colours}
         kept |= {name: (target, self._address(field(name))) for name, target in parts.items()}
-        known = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # of all that fit
+        known = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # of all valid headers
         held = [Signal(known, name=f"exponent{k}", reset_less=True) for k in range(DEGREES)]
         m.d.comb += [self.exponent[k].eq(e) for k, e in enumerate(held)]
         given = [e[: len(held[0])] for e in exponents(field)]
@@ -161,7 +166,7 @@ class Load(wiring.Component):
         return colours
 
     def _error(self, field: Callable, in_beat: Callable, degree: Value, colours: Value) -> Value:
-        """The first error in a beat of the header, NONE if there is none."""
+        """The first error in a beat of the header; NONE if there is none."""
         unordered, beyond = self._places(field, colours)
         unfit = [in_beat(name) & ~fit for name, fit in self._fits(field, degree).items()]
         errors = {
@@ -182,8 +187,12 @@ class Load(wiring.Component):
         return Cat(version == v for v in memory.VERSIONS[: 1 + self.config.compensates]).any()
 
     def _places(self, field: Callable, colours: Value) -> tuple[dict, dict]:
-        """Fields of the header, and whether parts that they place are out of order or too short;
-        and whether they end beyond the last address. colours: where these begin."""
+        """Check the places of the model's parts.
+
+        colours: address of the codebooks
+        Returns by field of the header: parts are out of order or too short; they end beyond the
+        last address.
+        """
         per_unit = memory.ALIGNMENT // BEAT
         chunks = (self.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
         headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
@@ -202,7 +211,7 @@ class Load(wiring.Component):
         return unordered, {"colours": field("colours") * per_unit >= last, "end": end > last}
 
     def _fits(self, field: Callable[[str], Value], degree: Value) -> dict[str, Value]:
-        """Fields of the header, and whether this machine can do with each."""
+        """Fields of the header, and whether this machine supports their values."""
         codes = {}
         for part in ("colour_index", "sh_index"):
             stages = memory.HEADER[part].length

@@ -1,4 +1,4 @@
-"""Colours and harmonics from the codebooks as floats, for arrays that make colours."""
+"""Colours and harmonics from the codebooks as floats, for arrays that compute colours."""
 
 from amaranth.hdl import Module, Mux, Shape, Signal, Value, signed
 from amaranth.lib import data, wiring
@@ -17,7 +17,7 @@ LANES = len(COLOURS)  # numbers that are converted at a time: a row of G, or the
 
 ROWS = len(SLOPES) // LANES
 
-CONVERT = 1  # cycles of the converters
+CONVERT = 1  # latency of the converters in cycles
 
 
 class LookUp(wiring.Component):
@@ -25,15 +25,17 @@ class LookUp(wiring.Component):
 
     First G is converted row by row, then the colour.
 
-    Members
-        write, start, index, sh: those of `Codebook`; without harmonics all of G is zero.
-        exponent: E of each degree; stays for a frame.
-        o: the values as floats of `Config.arithmetic`, of an item for one cycle.
+    Members:
+        write: in, stream of {address, word}, words of the codebook memory
+        start: in, an item begins; at least `interval` cycles after the previous one
+        sh: in, only if the machine has harmonics: the model has harmonics; if not, all of G is zero
+        index: in, bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
+        exponent: in, E of each degree; stable for a frame
+        o: out, colour and, if the machine has harmonics, G as floats of `Config.arithmetic`; an
+            item's values are valid for one cycle
 
-    A machine for models without harmonics has no `sh` and no G.
-
-    **Timing**: an item every `interval` cycles (`PAPER` 5); its values are at `o` exactly `latency`
-    cycles after its start (8). No multiplier.
+    **Timing**: one item every `interval` cycles (`PAPER`: 5); its values are at `o` exactly
+    `latency` cycles after its start (8). No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -42,7 +44,7 @@ class LookUp(wiring.Component):
         self.converted = self.codebook.latency + ROWS * self.shaded
         """Cycles from an item's start until its colour goes into the converters."""
         self.latency = self.converted + CONVERT
-        # Sums stay until all are converted; values of the next item come later than these.
+        # Sums are held until all are converted; the values of the next item come later.
         self.interval = self.codebook.interval + (ROWS - 1) * self.shaded
         members = self.codebook.signature.members
         ports = {name: members[name] for name in ("write", "start", "sh") if name in members}
@@ -98,7 +100,7 @@ class LookUp(wiring.Component):
         return floats
 
     def _gather(self, m: Module, values: list[Value]):
-        """Rows of G are shifted along, a register each cycle, until the colour follows them."""
+        """Shift rows of G along, one register per cycle, until the colour follows them."""
         for lane, value in enumerate(values):
             for row in reversed(range(ROWS)):
                 name = SLOPES[row * LANES + lane]

@@ -37,20 +37,30 @@ def multiple(value: Value, factor: int) -> Value:
 
 
 class ModelReader(wiring.Component):
-    """Reads a model: header and codebooks, all chunk headers, other parts on request.
+    """Reads a model: header and codebooks, then all chunk headers, and other parts on request.
 
-    Members
-        start, model, write, gaussians, sh, codebooks, position_exponent, exponent, loaded, error,
-            detail: those of `hdl.points.load`.
-        run: once loaded: begin with the chunk headers.
-        headers: stream of `CHUNK_HEADER`. fetch: stream of `FETCH`; positions: these chunks'
-            beats. wanted: stream of `WANTED`; attributes: the beats of each.
-        given: all chunk headers have been taken.
-        reads, data: to and from memory, for each of `READING`.
+    Members:
+        start: in, read header and codebooks
+        model: in, address of the model in beats; stable during the frame
+        write: out, stream of {address, word}, words of the codebook memory
+        gaussians, sh, position_exponent, exponent, loaded, error, detail: out, as in
+            `hdl.points.load.Load`
+        codebooks: out, only if `Config.colours` is not `array`: as in `Load`
+        small: out, only if `Config.small_models`: as in `Load`
+        antialiased: out, only if `Config.compensates`: as in `Load`
+        run: in, once `loaded` is high: begin with the chunk headers
+        headers: out, stream of `CHUNK_HEADER`
+        fetch: in, stream of `FETCH`, chunks whose positions are to be read
+        positions: out, stream of the beats of these positions
+        wanted: in, stream of `WANTED`, Gaussians whose attributes are to be read
+        attributes: out, stream of the beats of these attributes
+        given: out, all chunk headers have been taken
+        reads: out, streams of `read_record` to memory, one for each of `READING`
+        data: in, streams of `read_beat` from memory, one for each of `READING`
 
     **Timing**: a chunk header in four cycles; bursts of positions end at multiples of 16 beats; the
-    attributes of a Gaussian are a burst every 2 cycles, and a second one if they lie on both sides
-    of a multiple of 4 KB: a cycle later, with a port of 256 bits two.
+    attributes of a Gaussian are one burst every two cycles, or two bursts if they cross a multiple
+    of 4 KB: the second one follows after one cycle, with a port of 256 bits after two.
     """
 
     def __init__(self, config: Config):
@@ -95,7 +105,7 @@ class ModelReader(wiring.Component):
         return fetch
 
     def _headers(self, m: Module):
-        """The header and the codebooks first; then chunk headers, each of two beats."""
+        """Read header and codebooks first, then the chunk headers of two beats each."""
         fetch, load = self._reader(m, "model", COUNT_BITS), self.load
         m.submodules.beat = beat = Slot(axi.DATA_BITS)
         connect(m, fetch.o, beat.i)
@@ -130,7 +140,7 @@ class ModelReader(wiring.Component):
                 m.d.sync += left.eq(left - 1)
 
     def _positions(self, m: Module):
-        """Each chunk that is fetched is a range of beats."""
+        """Read each chunk that is fetched as one range of beats."""
         most = 3 * CHUNK * max(position_widths(self.config)) // axi.DATA_BITS  # of one chunk
         shape = axi.range_record(most.bit_length())
         fetch = self._reader(m, "positions", most.bit_length())
@@ -147,14 +157,14 @@ class ModelReader(wiring.Component):
         connect(m, fetch.o, flipped(self).positions)
 
     def _bits(self, count: Value) -> Value:
-        """Bits of the positions of so many Gaussians; in small models there are fewer."""
+        """Bits of the positions of `count` Gaussians; small models have fewer."""
         widths = [3 * width for width in position_widths(self.config)]
         unit = gcd(*widths)
         of_model = [multiple(multiple(count, unit), width // unit) for width in widths]
         return Mux(self.small, *reversed(of_model)) if len(of_model) > 1 else of_model[0]
 
     def _attributes(self, m: Module):
-        """Each Gaussian's beats in a burst, or in two where `BOUNDARY` divides them."""
+        """Read each Gaussian's beats in one burst, or in two if they cross a `BOUNDARY`."""
         number = READING.index("attributes")
         read, back = self.reads[number], self.data[number]
         if axi.port_beats(self.config) == 1:
@@ -174,7 +184,7 @@ class ModelReader(wiring.Component):
         m.submodules.wanted = wanted = Slot(self.wanted.payload.shape())
         connect(m, flipped(self).wanted, wanted.i)
         beat = Signal(axi.BEAT_ADDRESS_BITS, reset_less=True)
-        # Beats of the burst that is asked for, and of a second one behind it.
+        # Beats of the present burst, and of a second one behind it.
         burst, rest = (Signal(WANTED["count"].width, name=name) for name in ("burst", "rest"))
         count, first = wanted.o.payload.count, Signal.like(beat)
         place = first[: exact_log2(axi.BOUNDARY // axi.BEAT)]

@@ -1,4 +1,4 @@
-"""Stage 1's front: computes x and y of the points that stage 0 kept, drops those out of view."""
+"""Front of stage 1: computes x and y of the points that stage 0 kept, drops those out of view."""
 
 from amaranth.hdl import Const, Module, Value
 from amaranth.lib import data, stream, wiring
@@ -14,21 +14,21 @@ from splatcore.spec.config import Config
 from splatcore.spec.microprogram import program
 from splatcore.spec.point import placing_record, point_record
 
-SPARE = 2  # rows of the memory beyond what the array can hold: what passing through it takes
+SPARE = 2  # rows of the memory beyond the array's capacity, for its latency
 
 
 class Place(wiring.Component):
-    """Points in front of the near plane in, points that may touch the image out.
+    """Passes on the points that may touch the image, with their x and y.
 
-    A point waits in a small memory while the array finds its x and y.
+    A point waits in a small memory while the array computes its x and y.
 
-    Members
-        i: stream of `point_record` with z.
-        chunks: stream of `placing_record`, taken with the chunk's last point.
-        near_plane, constants: registers of the frame.
-        o: stream of `point_record` with x, y and z.
+    Members:
+        i: in, stream of `point_record` with z
+        chunks: in, stream of `placing_record`, taken with the chunk's last point
+        near_plane, constants: in, registers of the frame
+        o: out, stream of `point_record` with x, y and z
 
-    **Timing**: two PEs, a point every 4 cycles, latency about 20. No path from `o` to `i`.
+    **Timing**: two PEs, one point every 4 cycles, latency about 20. No path from `o` to `i`.
     """
 
     def __init__(self, config: Config):
@@ -71,7 +71,7 @@ class Place(wiring.Component):
 
         never_waits(m, "points", points.i, "a point that enters the array")
         known = ~array.o.valid | points.o.valid
-        holds(m, "known", known, "what the array has found is of no point that waits")
+        holds(m, "known", known, "a result of the array without a waiting point")
         found, through = whole.o.payload.found, whole.o.payload.through
         kept, known = judged(m, whole.o, through.kept & self._inside(m, found, through.z))
         passes = kept | through.last
@@ -85,9 +85,10 @@ class Place(wiring.Component):
         return m
 
     def _inside(self, m: Module, found: data.View, z: Value):
-        """High if the centre is in front, and |x| and |y| are within their bounds.
+        """High if the centre is in front of the near plane, and |x| and |y| are within their
+        bounds.
 
-        With a depth interval stage 0 lets points pass whose centre is behind the near plane.
+        With a depth interval stage 0 passes points whose centre is behind the near plane.
         """
         if self.config.culling == "none":
             return Const(1, 1)

@@ -22,7 +22,7 @@ from splatcore.spec.point import FETCH, chunk_record, splat_record
 COUNTED = tuple(POINTS)
 
 CHUNKS_WAITING = 2
-"""Chunks that may wait before each part: the next one is ready when a chunk is through."""
+"""Chunks that may wait before each part, so that the next one is ready when a chunk is done."""
 
 CHUNKS_INSIDE = 4 * CHUNKS_WAITING
 """More chunks than can be between the first part and the last: no queue holds more than
@@ -30,15 +30,16 @@ CHUNKS_INSIDE = 4 * CHUNKS_WAITING
 
 
 class Front(wiring.Component):
-    """Stage 1's end in a machine without culling: splats in, those out whose centres are in front.
+    """End of stage 1 in a machine without culling: passes on splats whose centre is in front.
 
-    With culling (`Config.culling`) they all are, and a machine has no such part.
+    With culling (`Config.culling`) all centres are in front, and there is no such part.
 
-    Members
-        i, o: streams of `splat_record`.
-        near_plane: register of the frame.
+    Members:
+        i: in, stream of `splat_record`
+        near_plane: in, register of the frame
+        o: out, stream of `splat_record`
 
-    **Timing**: combinational; a splat a cycle.
+    **Timing**: combinational; one splat per cycle.
     """
 
     def __init__(self, config: Config):
@@ -58,21 +59,28 @@ class Front(wiring.Component):
 
 
 class Points(wiring.Component):
-    """Stages 0 and 1: chunk headers, positions and attributes in, splats out.
+    """Stages 0 and 1: turns chunk headers, positions and attributes into splats.
 
-    Members
-        headers: stream of chunk headers, those of the whole model for each frame.
-        fetch: stream of the chunks whose positions are to be read; positions: stream of these.
-        wanted: stream of the Gaussians whose attributes are to be read; attributes: these.
-        write: the codebook memory's words, before the frame.
-        gaussians, camera, position_exponent, near_plane, constants, sh, colour_exponent,
-            sh_exponent: registers of the model and the frame.
-        splats: stream of `splat_record`, in the model's order.
-        idle: no chunk and no splat is inside: with the last header taken, the frame is through.
-        counters, clear: events of `COUNTED`; the last three are rounds of the projection's array
-            that began with a Gaussian, without one, and with none because splats were not taken.
+    Members:
+        headers: in, stream of `CHUNK_HEADER`, the whole model's headers for each frame
+        fetch: out, stream of `FETCH`, chunks whose positions are to be read
+        positions: in, stream of the beats of these positions
+        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
+        attributes: in, stream of the beats of these attributes
+        near_plane, camera, constants: in, registers of the frame
+        splats: out, stream of `splat_record`, in the order of the model
+        idle: out, no chunk and no splat is inside; if the last header is taken, the frame is done
+        clear: in, all counters are 0
+        counters: out, counts of `COUNTED`; the last three count rounds of the projection's array
+            that began with a Gaussian, without one, and without one because splats were not taken
+        gaussians, position_exponent, exponent: in, from the model's header; stable for a frame
+        write: in, stream of {address, word}, words of the codebook memory, before the frame
+        sh: in, only if the machine has harmonics: the model has harmonics
+        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks
+        small: in, only if `Config.small_models`: the model has half a beat of attributes per
+            Gaussian
 
-    **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 9
+    **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 6 in `DEFAULT`
     (`hdl.points.project`).
     """
 
@@ -117,7 +125,7 @@ class Points(wiring.Component):
         return m
 
     def _chunks(self, m: Module):
-        """A chunk goes to the reader of its points and to all parts that handle them."""
+        """Send a chunk to the reader of its points and to all parts that handle them."""
         parts = {"culling": self.cull, "placing": self.place, "projecting": self.project}
         record = chunk_record(self.config)
         m.submodules.fork = fork = Fork(layout(record), len(parts) + 1)
@@ -128,7 +136,7 @@ class Points(wiring.Component):
             m.d.comb += [queue.i.payload.eq(o.payload[name]), queue.i.valid.eq(o.valid)]
             m.d.comb += o.ready.eq(queue.i.ready)
             source = queue.o
-            if part is self.project:  # what it makes of a chunk takes long
+            if part is self.project:  # logic behind a chunk is slow
                 m.submodules[f"{name}_chunk"] = slot = Slot(layout(record[name]))
                 connect(m, queue.o, slot.i)
                 source = slot.o
@@ -138,7 +146,7 @@ class Points(wiring.Component):
         m.d.comb += [self.fetch.valid.eq(last.valid), last.ready.eq(self.fetch.ready)]
 
     def _splats(self, m: Module, splats):
-        """Splats to the outside; where nothing was culled, those in front."""
+        """Output the splats; without culling, only splats in front."""
         if self.config.culling != "none":
             connect(m, splats, self.project.o)
             return
@@ -148,7 +156,7 @@ class Points(wiring.Component):
         connect(m, front.o, splats)
 
     def _registers(self, m: Module):
-        """Registers of the frame to the parts that use them."""
+        """Registers of the frame and of the model to the parts that use them."""
         for part in (self.chunk, self.cull, self.place, self.project):
             for name in part.constants.shape().members:
                 m.d.comb += part.constants[name].eq(self.constants[name])
@@ -167,7 +175,7 @@ class Points(wiring.Component):
             m.d.comb += self.cull.small.eq(self.small)
 
     def _idle(self, m: Module):
-        """Chunks from their first part to their last, and splats from their slot to the outside."""
+        """Count chunks from the first part to the last, and splats from slot to output."""
         project = self.project
         most = self.config.projection_slots + project.splats_inside
         m.submodules.chunks = chunks = Credit(CHUNKS_INSIDE, "chunks inside")
@@ -181,7 +189,7 @@ class Points(wiring.Component):
         ]
 
     def _inside(self) -> Value:
-        """A point takes a slot."""
+        """High if a point takes a slot."""
         placed = self.project.i
         return passes(placed) & placed.payload.kept
 

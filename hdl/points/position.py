@@ -1,4 +1,4 @@
-"""Unpacks stored positions and makes rays of them: vectors from the camera, in world axes."""
+"""Unpacks stored positions and computes rays: vectors from the camera, in world axes."""
 
 from amaranth.hdl import Array as Choice
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike, signed
@@ -28,21 +28,25 @@ GRID = Fixed(memory.ABSOLUTE.bias + 1, -memory.ABSOLUTE_EXPONENT, signed=True)
 
 
 class Position(wiring.Component):
-    """Beats of stored positions in, a ray for each point out.
+    """Turns beats of stored positions into a ray for each point.
 
-    The gearbox cuts the stream of beats into coordinates. Those of a chunk lack their top bits:
-    they are in the order of octants, so the bits follow from where the header says an octant ends.
-    In small models their low bits are not stored either, and are zero.
-    A point's way from the camera is exact on the grid and rounded once, to `spec.depth.finer`.
+    The gearbox cuts the stream of beats into coordinates. Coordinates of a chunk lack their top
+    bit: they are in the order of octants, so the bit follows from where the header says an octant
+    ends. In small models their low bits are not stored either, and are zero. The vector from the
+    camera to a point is exact on the grid and rounded once, to `spec.depth.finer`.
 
-    Members
-        i: stream of beats; a chunk begins at a new one, and of its last one the rest is dropped.
-        chunk: the chunk that the points belong to, `chunk_valid` when there is one.
-        next_chunk: the chunk is through; from the next cycle on `chunk` is the next one.
-        camera, position_exponent, small: registers of the frame and the model.
-        o: stream of rays (floats in scene units).
+    Members:
+        i: in, stream of beats; a chunk begins at a new beat, and the rest of its last beat is
+            dropped
+        chunk: in, `culling_record`, the chunk that the points belong to
+        chunk_valid: in, there is a chunk
+        next_chunk: in, the chunk is done; from the next cycle on `chunk` is the next one
+        camera, position_exponent: in, registers of the frame and the model
+        o: out, stream of rays, floats in scene units
+        small: in, only if `Config.small_models` and positions are stored by chunk: the model is
+            small
 
-    **Timing**: a point every 4 cycles, but for one more cycle at each octant's end; latency
+    **Timing**: one point every 4 cycles, and one cycle more at each octant's end; latency
     `CONVERT_LATENCY` + 9 from a chunk's first beat.
     """
 
@@ -81,10 +85,10 @@ class Position(wiring.Component):
         return m
 
     def _gearbox(self, m: Module) -> Value:
-        """The next coordinate; `pipe.i` says when it is valid and taken.
+        """The next coordinate; `pipe.i` shows when it is valid and taken.
 
-        A beat is taken as early as can be, but with the last point only when a coordinate lacks
-        bits: none is read beyond a chunk's end.
+        A beat is taken as early as possible, but during the last point only if a coordinate lacks
+        bits: no beat beyond a chunk's end is read.
         """
         beat, words = Signal(BEAT, reset_less=True), Signal(range(BEAT // WORD + 1))
         bits, level = Signal(2 * WORD - 1), Signal(range(2 * WORD))
@@ -104,7 +108,7 @@ class Position(wiring.Component):
             m.d.comb += rest.eq(self._of_model(*(bits >> w for w in self.widths)))
         m.d.sync += [level.eq(left), bits.eq(rest)]
         with m.If((words != 0) & (left < WORD)):
-            # What is above the level is zero: it was shifted in so.
+            # Bits above the level are zero: zeros were shifted in.
             m.d.sync += bits.eq(rest | (beat[:WORD] << left[: (WORD - 1).bit_length()]))
             m.d.sync += [level.eq(left + WORD), beat.eq(beat >> WORD)]
             m.d.sync += words.eq(words - 1)
@@ -129,7 +133,7 @@ class Position(wiring.Component):
         with m.Elif(self.chunk_valid & ~self.done & at_end):
             m.d.sync += octant.eq(octant + 1)
         chunk = self.chunk
-        # An expression: some simulators evaluate a case only when one of its operands changes.
+        # An expression, as some simulators evaluate a case only when one of its operands changes.
         top, shift, origin = self._of_axis(
             self.axis,
             *(Cat(octant[k], chunk.shift[k], chunk.origin[k]) for k in range(len(AXES))),
@@ -139,7 +143,7 @@ class Position(wiring.Component):
         return origin.as_signed() + (Cat(coordinate, top) << shift)
 
     def _of_axis(self, axis: Value, *values: Value, widths: tuple[int, ...]) -> list[Value]:
-        """Of values for each axis that of one axis, cut into parts."""
+        """The value of one axis, cut into parts."""
         x, y, z = values
         chosen, parts = Mux(axis == 0, x, Mux(axis == 1, y, z)), []
         for width in widths:
@@ -148,14 +152,14 @@ class Position(wiring.Component):
         return parts
 
     def _later(self, m: Module, *values: Value) -> list[Signal]:
-        """Values a step of the pipe later."""
+        """Values one step of the pipe later."""
         later = [Signal(value.shape(), reset_less=True, name="later") for value in values]
         with m.If(self.pipe.enable):
             m.d.sync += [after.eq(value) for after, value in zip(later, values, strict=True)]
         return later
 
     def _convert(self, m: Module, point: Value):
-        """From a coordinate on the grid to the way from the camera, as a float in scene units."""
+        """From a coordinate on the grid to its offset from the camera, a float in scene units."""
         scale = range(-memory.EXPONENT_MAX, memory.EXPONENT_MAX + 1)
         format = self.fine.arithmetic
         m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
@@ -167,7 +171,7 @@ class Position(wiring.Component):
         m.d.comb += self.convert.enable.eq(self.pipe.enable)
 
     def _count(self, m: Module):
-        """Coordinates and points of the chunk."""
+        """Count coordinates and points of the chunk."""
         with m.If(self.pipe.i.valid & self.pipe.i.ready):
             m.d.sync += self.axis.eq(self.axis + 1)
             with m.If(self.axis == len(AXES) - 1):
@@ -177,7 +181,7 @@ class Position(wiring.Component):
             m.d.sync += [self.number.eq(0), self.done.eq(0)]
 
     def _collect(self, m: Module):
-        """Three floats make a ray: two wait for the third."""
+        """Combine three floats into a ray: two wait for the third."""
         first, second = (
             Signal(self.fine.arithmetic.width, name=name, reset_less=True) for name in AXES[:2]
         )

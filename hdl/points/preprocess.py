@@ -1,4 +1,4 @@
-"""First half of a frame: the model in memory to splats' features and groups' lists in memory."""
+"""First half of a frame: turns the model in memory into features and groups' lists in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -28,22 +28,27 @@ from splatcore.spec.registers import ErrorCode
 
 
 class Preprocess(wiring.Component):
-    """Stages 0 and 1 and binning with their memory side, for one frame after the other.
+    """Stages 0 and 1 and binning with their memory access, frame by frame.
 
-    Members
-        start: begin a frame. frame: its registers, which are there `hdl.points.check.LATENCY`
-            cycles before that and stay until `done`.
-        area: the work area to be written.
-        reads, data: to and from memory for `hdl.points.model_reader`; writes: for
-            `hdl.binning.binned`. read_windows, write_windows: beside these, if any
-            (`hdl.memory.window`).
-        settled: all that was written is in memory.
-        done: the work area is complete, until `taken`.
-        needed: list pages that the frame takes, while `counted` is high, for a cycle.
-        error: the frame cannot be made; nothing more happens until reset.
-        counters: those of `hdl.points.points` and `hdl.binning.bin`.
+    Members:
+        start: in, begin a frame
+        frame: in, `frame_layout`, its registers, stable from `hdl.points.check.LATENCY` cycles
+            before `start` until `done`
+        area: in, `AREA`, the work area to be written
+        reads: out, streams of `read_record` to memory, one for each of `model_reader.READING`
+        data: in, streams of `read_beat` from memory, one for each of `model_reader.READING`
+        writes: out, streams of `write_record` to memory, one for each of `binned.WRITING`
+        settled: in, all written data is in memory
+        done: out, the work area is complete; until `taken`
+        taken: in, the work area has been handed over
+        needed: out, list pages that the frame takes, while `counted` is high
+        counted: out, `needed` is valid, for one cycle
+        error: out, `ERROR`, the frame cannot be rendered; nothing more happens until reset
+        counters: out, counters of `hdl.points.points` and `hdl.binning.bin`
+        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
+            of `reads` and `writes`
 
-    **Timing**: that of its slowest part, a Gaussian in 6 cycles, if memory keeps up.
+    **Timing**: as its slowest part, one Gaussian in 6 cycles in `DEFAULT`, if memory keeps up.
     """
 
     def __init__(self, config: Config):
@@ -137,9 +142,9 @@ class Preprocess(wiring.Component):
                     m.d.comb += windows[number].eq(frame[f"{areas[name]}_high"])
 
     def _control(self, m: Module):
-        """A frame from its start to the end of its work area."""
+        """A frame from its start until its work area is complete."""
         model, points, bin, binned = self.model, self.points, self.bin, self.binned
-        exceeded = Signal()  # the lists have taken more pages than there are
+        exceeded = Signal()  # the lists have taken too many pages
         m.submodules.check = check = Check(self.config)
         m.d.comb += check.frame.eq(self.frame)
         for part in (points, bin, binned):

@@ -26,32 +26,40 @@ from splatcore.spec.schedule import schedule
 
 FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", *ATTENUATIONS)
 
-SPARE = 2  # rows of the output queue beyond what the array can hold: what passing through it takes
+SPARE = 2  # rows of the output queue beyond the array's capacity, for its latency
 
 TABLES = ("write", "sh", "codebooks", "exponent", "small")
 """Ports that come from the model's header and codebooks."""
 
 
 class Project(wiring.Component):
-    """Points in the guard band in, splats out; attributes are asked for on the way.
+    """Turns points in the guard band into splats; requests their attributes meanwhile.
 
-    A point waits for its attributes in a slot. Each part of a slot is read when the array wants
-    it, so that nothing travels through rounds that do not use it; its depth is read again for its
+    A point waits for its attributes in a slot. Each part of a slot is read when the array needs it,
+    so that no data travels through rounds that do not use it; its depth is read again for its
     splat. The array never stalls: a point enters if there will be room in the queue behind it.
 
-    Colours are made beside the array and wait in a queue of their own for the rest of their splats,
-    or are made in the array from what is looked up.
+    Colours are computed by a separate unit, and wait in their own queue for the rest of their
+    splats; or they are computed in the array from values that are looked up (`Config.colours`).
 
-    Members
-        i, chunks, wanted, attributes, small: those of `hdl.points.slots`.
-        write, sh, codebooks, exponent: those of `hdl.points.colour` or `hdl.points.look_up`.
-        constants: registers of the frame.
-        o: stream of `splat_record`, in the order of `i`.
-        entered, starved, blocked: a round of the array begins next with a Gaussian, with none
-            because none is complete, with none because splats are not taken.
+    Members:
+        i: in, stream of `point_record` with x, y and z
+        chunks: in, stream of `projecting_record`, taken with the chunk's last point
+        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
+        attributes: in, stream of the beats of these attributes
+        write: in, stream of {address, word}, words of the codebook memory
+        sh: in, only if the machine has harmonics: the model has harmonics
+        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks
+        exponent: in, E of each degree, from the model's header
+        small: in, only if `Config.small_models`: the model has half a beat of attributes per
+            Gaussian
+        constants: in, registers of the frame
+        o: out, stream of `splat_record`, in the order of `i`
+        entered, starved, blocked: out, the next round of the array begins with a Gaussian; without
+            one because none is complete; without one because splats are not taken
 
-    **Timing**: a Gaussian every `plan.interval` cycles (`DEFAULT`: 6 on nine PEs);
-    `plan.length` + 5 cycles from its attributes to its splat.
+    **Timing**: one Gaussian every `plan.interval` cycles (`DEFAULT`: 6 on nine PEs); `plan.length`
+    + 5 cycles from its attributes to its splat.
     """
 
     def __init__(self, config: Config):
@@ -82,15 +90,15 @@ class Project(wiring.Component):
             self.colour = Colour(config, rounds, self.plan.interval)
         else:
             self.colour = LookUp(config)
-            # The codebook's answer is sampled in the last cycle before the round that wants it.
+            # The codebook's answer is sampled in the last cycle before the round that needs it.
             self.ask = self.round["colour"] * self.plan.interval - 2 - self.colour.latency
             if self.ask < 0:
-                raise ValueError(f"{config.name}: colours are wanted before they can be looked up")
+                raise ValueError(f"{config.name}: colours are needed before they can be looked up")
         members = self.colour.signature.members
         inner = self.slots.signature.members
         self.tables = [name for name in TABLES if name in members or name in inner]
         self.splats_inside = self.array.round_count + SPARE
-        """Splats in the array and in the queue behind it, at most."""
+        """Maximum number of splats in the array and in the queue behind it."""
         ports = {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
         ports |= {name: (members if name in members else inner)[name] for name in self.tables}
         ports |= {
@@ -120,14 +128,13 @@ class Project(wiring.Component):
         self._enter(m, room)
         last_read = self._read(m)
         self._convert(m)
-        last_read = max(last_read, self._beside(m) if self.beside else self._look_up(m))
+        last_read = max(last_read, self._colours(m) if self.beside else self._look_up(m))
         number, phase = divmod(last_read, self.plan.interval)
         m.d.comb += self.slots.release.eq(self.array.rounds[number].valid & self.array.phase[phase])
         return m
 
     def _output(self, m: Module) -> Value:
-        """Queues of splats and of their colours; returns a bit that says that they will have room
-        for one more."""
+        """Queues of splats and of their colours; return whether they have room for one more."""
         depth, shape = self.splats_inside, layout(splat_record(self.config))
         found, names = self.array.o.payload.outputs, dict(shape.members)
         parts = {"splats": self.array.o.valid}
@@ -147,7 +154,7 @@ class Project(wiring.Component):
                 m.d.comb += self.o.payload[n].eq(queue.o.payload[n])
             valid &= queue.o.valid
             queues.append(queue)
-        m.submodules.owed = owed = Credit(depth, "splats in the queues or on their way to them")
+        m.submodules.owed = owed = Credit(depth, "splats in the queues or in flight")
         m.d.comb += [
             self.o.valid.eq(valid),
             owed.comes.eq(self.entered),
@@ -157,7 +164,9 @@ class Project(wiring.Component):
         return owed.room
 
     def _enter(self, m: Module, room: Value):
-        """The last phase but one of a round decides whether a slot enters; in the last it does."""
+        """Decide in the last phase but one of a round whether a slot enters; in the last one it
+        does.
+        """
         complete, free = Signal(), Signal()
         with m.If(self.array.phase[-2]):
             m.d.sync += [complete.eq(self.slots.ready.valid), free.eq(room)]
@@ -172,8 +181,10 @@ class Project(wiring.Component):
         ]
 
     def _read(self, m: Module) -> int:
-        """Each part of a slot that the array wants is read just before the round that wants it, L
-        a cycle sooner; returns the last time at which that happens."""
+        """Read each part of a slot just before the round that needs it, L one cycle earlier.
+
+        Returns the last time at which a part is read.
+        """
         rounds, phase, read = self.array.rounds, self.array.phase, self.slots.read
         last_read = 0
         for part in self.round:
@@ -186,8 +197,10 @@ class Project(wiring.Component):
         return last_read
 
     def _behind_memory(self, part: str) -> bool:
-        """A part has a register between its memory and what converts it: L, unless it is wanted
-        before it is known that the slot enters."""
+        """Whether a part has a register between its memory and its converters.
+
+        Only L has one, unless it is needed before it is known that the slot enters.
+        """
         return part == "factor" and self.round[part] > 0
 
     def _field(self, name: str) -> Value:
@@ -196,7 +209,7 @@ class Project(wiring.Component):
         return early[name] if name in early.shape().members else self.array.late[name]
 
     def _convert(self, m: Module):
-        """Points and rays are floats already; L and opacity become so."""
+        """Connect points and rays, which are floats; convert L and opacity to floats."""
         found, config = self.slots.found, self.config
         for part in ("point", "ray"):
             for name in self.groups.get(part, ()):
@@ -216,8 +229,8 @@ class Project(wiring.Component):
             bits = factor[record.offset(field) :][: record[field].width]
             m.d.comb += [convert.i.eq(bits), convert.enable.eq(1), self._field(name).eq(convert.o)]
 
-    def _beside(self, m: Module) -> int:
-        """What colours are made of; returns the last time at which it is read."""
+    def _colours(self, m: Module) -> int:
+        """Connect the inputs of `Colour`; return the last time at which a slot is read."""
         slots, colour = self.slots, self.colour
         m.d.comb += [colour.phase.eq(self.array.phase), colour.rounds.eq(self.array.rounds)]
         m.d.comb += [colour.beat[name].eq(slots.beat[name]) for name in slots.beat.shape().members]
@@ -231,7 +244,7 @@ class Project(wiring.Component):
         return colour.last_read
 
     def _look_up(self, m: Module) -> int:
-        """Indices to colours and slopes; returns the time at which the indices are read."""
+        """Look up colours and slopes; return the time at which the indices are read."""
         number, phase = divmod(self.ask, self.plan.interval)
         item, read = self.array.rounds[number], self.slots.read.index
         start = item.valid & self.array.phase[phase]

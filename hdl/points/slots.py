@@ -23,7 +23,7 @@ POINT = ("x", "y", "z")
 
 
 def parts(config: Config) -> dict[str, data.Layout]:
-    """The parts of a slot, each in a memory of its own, to be read at a time of its own."""
+    """The parts of a slot, each in its own memory, so that each can be read at its own time."""
     low = {name: format.width for name, format in low_format(config).items()}
     found = {
         "point": codes(config, POINT),
@@ -37,23 +37,24 @@ def parts(config: Config) -> dict[str, data.Layout]:
 
 
 class Slots(wiring.Component):
-    """Points in; their attributes asked for; slots whose attributes have come, in order, out.
+    """Holds points and requests their attributes; outputs slots whose attributes have come, in
+    order.
 
-    Members
-        i: stream of `point_record` with x, y and z.
-        chunks: stream of `projecting_record`, taken with the chunk's last point.
-        wanted: stream of `WANTED`: a Gaussian's attributes that are to be read.
-        attributes: stream of their beats, in the same order.
-        beat: {valid, address, word}: a beat behind a Gaussian's first, and its address in
-            `hdl.points.colour`. Machines that make colours in the array have none.
-        ready: stream of slots that are complete.
-        small: the model has half a beat of attributes for each Gaussian; stays for a frame. Two
-            neighbours have their beat asked for once.
-        release: the oldest slot is free again.
-        read: for each of `parts` a slot and whether to read it; found: the answers a cycle later,
-            which stay until the next reading.
+    Members:
+        i: in, stream of `point_record` with x, y and z
+        chunks: in, stream of `projecting_record`, taken with the chunk's last point
+        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
+        attributes: in, stream of their beats, in the same order
+        ready: out, stream of slots that are complete
+        release: in, the oldest slot becomes free
+        read: in, {slot, enable} for each of `parts`
+        found: out, the parts read, one cycle later; held until the next reading
+        beat: out, only if `Config.colours` is not `array`: {valid, address, word}, a beat behind a
+            Gaussian's first, and its address in `hdl.points.colour`
+        small: in, only if `Config.small_models`: the model has half a beat of attributes per
+            Gaussian; stable for a frame; the beat of two neighbours is requested once
 
-    **Timing**: a point a cycle; no multiplier; memories of `Config.projection_slots` words.
+    **Timing**: one point per cycle; no multiplier; memories of `Config.projection_slots` words.
     """
 
     def __init__(self, config: Config):
@@ -81,8 +82,8 @@ class Slots(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        # Slots from `oldest` to `entering` are in the array, from there to `filled` complete, from
-        # there to `free` waiting. One more bit than a slot's number: a full ring is no empty one.
+        # Slots from `oldest` to `entering` are in the array, those up to `filled` are complete,
+        # those up to `free` wait. One extra bit distinguishes a full ring from an empty one.
         count = range(2 * self.config.projection_slots)
         oldest, entering, filled, free = (
             Signal(count, name=name) for name in ("oldest", "entering", "filled", "free")
@@ -131,7 +132,7 @@ class Slots(wiring.Component):
         return m
 
     def _want(self, m: Module):
-        """The first beat of a Gaussian's attributes and how many there are."""
+        """The first beat of a Gaussian's attributes, and the number of beats."""
         place, chunk, wanted = self.i.payload.place, self.chunks.payload, self.wanted.payload
         count = Const(1)
         if self.beside:
@@ -146,7 +147,7 @@ class Slots(wiring.Component):
         m.d.comb += [wanted.beat.eq(first), wanted.count.eq(count)]
 
     def _again(self, m: Module, push: Value) -> Value:
-        """The point's attributes are the upper half of the beat that was asked for last."""
+        """High if the point's attributes are the upper half of the beat requested last."""
         if not self.config.small_models:
             return Const(0)
         point, asked, begun = self.i.payload, Signal(PLACE_BITS - 1), Signal()
@@ -157,7 +158,7 @@ class Slots(wiring.Component):
         return self.small & begun & (asked == point.place[1:])
 
     def _waiting(self, m: Module, push: Value, again: Value) -> Register | None:
-        """What is known of the beats of Gaussians that wait for them, as far as they differ."""
+        """Expected beats of the waiting Gaussians; None if all are alike."""
         fields = {"count": self.wanted.payload.count} if self.beside else {}
         if self.config.small_models:
             fields |= {"upper": self.i.payload.place[0], "again": again}
@@ -165,7 +166,7 @@ class Slots(wiring.Component):
             return None
         shape = data.StructLayout({name: len(value) for name, value in fields.items()})
         m.submodules.waiting = queue = Queue(shape, self.config.projection_slots, memory=True)
-        m.submodules.next_waiting = register = Register(shape)  # so no path from memory to `ready`
+        m.submodules.next_waiting = register = Register(shape)  # cuts the path to `ready`
         connect(m, queue.o, register.i)
         m.d.comb += [queue.i.payload[name].eq(value) for name, value in fields.items()]
         m.d.comb += queue.i.valid.eq(push)
@@ -173,8 +174,10 @@ class Slots(wiring.Component):
         return register
 
     def _taken(self, m: Module, waits: Register | None, taken: Signal, owed: Value) -> Value:
-        """Take a beat of the oldest Gaussian that waits, or half of the one before; returns it, or
-        what half a beat stands for."""
+        """Take a beat of the oldest waiting Gaussian, or the kept half of the previous beat.
+
+        Returns the beat, or the expansion of the half.
+        """
         whole, expected = self.attributes.payload, waits.o.valid if waits else owed
         if not self.config.small_models:
             m.d.comb += self.attributes.ready.eq(expected)
@@ -191,8 +194,9 @@ class Slots(wiring.Component):
     def _beats(
         self, m: Module, waits: Register, taken: Value, filled: Value
     ) -> tuple[Value, Value]:
-        """The number of a Gaussian's beat, and whether it is its last; those behind the first go
-        outside."""
+        """Pass on the beats behind a Gaussian's first; return the number of the beat, and whether
+        it is last.
+        """
         beat, last = Signal(range(BEATS + 1)), Signal()
         m.d.comb += [
             last.eq(beat + 1 == waits.o.payload.count),
@@ -217,7 +221,7 @@ class Slots(wiring.Component):
         return Cat(converted)
 
     def _memory(self, m: Module, name: str, write, slot, value):
-        """A part's memory: written in a slot, read as the outside says."""
+        """A part's memory: written here, read through the ports."""
         memory = Memory(shape=self.parts[name], depth=self.config.projection_slots, init=[])
         m.submodules[name] = memory
         write_port, read_port = memory.write_port(), memory.read_port()

@@ -1,4 +1,4 @@
-"""Half a beat of attributes to the whole beat that it stands for (`spec.small`)."""
+"""Expands half a beat of attributes to a whole beat (`spec.small`)."""
 
 from amaranth.hdl import Cat, Const, Mux, Value
 
@@ -15,8 +15,10 @@ from splatcore.spec.memory import (
 
 
 def expanded(half: Value) -> Value:
-    """A whole beat of attributes: an element of L is its magnitude behind the first one, with the
-    place of that added to the exponent.
+    """Expand half a beat to a whole beat of attributes.
+
+    An element of L is its magnitude below the leading one; the place of that is added to the
+    exponent.
 
     **Timing**: no registers: a multiplexer of four and a sum of five bits.
     """
@@ -34,7 +36,7 @@ def _element(code: Value, exponent: Value) -> Value:
     """An element of L as a float, with the sign on top if it has one."""
     magnitude, sign = code[: MAGNITUDE.width], code[MAGNITUDE.width :]
     number = Const(0, FACTOR.exponent + FACTOR.fraction)
-    for place in range(MAGNITUDE.width):  # of the first one
+    for place in range(MAGNITUDE.width):  # of the leading one
         fraction = magnitude[:place].shift_left(FACTOR.fraction - place)
         biased = (exponent + place + 1)[: FACTOR.exponent]
         number = Mux(magnitude[place], Cat(fraction, biased), number)

@@ -1,4 +1,4 @@
-"""The sum of a Gaussian's terms of colour (`spec.colour`): integers, a term a cycle."""
+"""The sum of a Gaussian's terms of colour (`spec.colour`): integers, one term per cycle."""
 
 from amaranth.hdl import Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, wiring
@@ -8,24 +8,24 @@ from splatcore.spec.colour import CHANNELS, GAIN, POLYNOMIAL, TOTAL_FRACTION, un
 from splatcore.spec.config import Config
 
 LANES = 3
-"""Polynomials of a term, at most."""
+"""Maximum number of polynomials in a term."""
 
 MULTIPLICAND = signed(7)
-"""What polynomials are multiplied with: of codes of 6 bits, of parts of G."""
+"""Shape of the factors of polynomials: codes of 6 bits, parts of G."""
 
 SHIFT_BITS = 5
 
 PRODUCTS = signed(MULTIPLICAND.width + POLYNOMIAL.width + 1)
-"""A sum of `LANES` products: each is at most a quarter of what these bits hold."""
+"""A sum of `LANES` products: each is at most a quarter of their range."""
 
 
 def sums_of_products(a: list[Value], b: list[Value]) -> tuple[Value, Value]:
-    """Two numbers whose sum is that of a · b of signed ones, but for a multiple of a power of two
-    beyond it.
+    """Two numbers whose sum is the sum of the products a · b of signed numbers, modulo a power of
+    two.
 
-    Rows of partial products are added as they are, without copies of their signs: a bit that counts
-    negative is inverted, and what all of these are then too much is a constant. The first number is
-    that of the lower rows: it has few bits, and the second one ends in zeros.
+    Rows of partial products are added without sign extension: bits that count negative are
+    inverted, and a constant corrects their sum. The first result is the sum of the lower rows: it
+    has few bits; the second one ends in zeros.
     """
     low, high, constant = [], [], 0
     for x, y in zip(a, b, strict=True):
@@ -41,8 +41,11 @@ def sums_of_products(a: list[Value], b: list[Value]) -> tuple[Value, Value]:
 
 
 def _sum(rows: list[Value], bits: int) -> Value:
-    """Their sum in so many bits. No partial sum has more: so synthesis makes one tree of carry-save
-    adders of all rows, with one carry chain behind it."""
+    """Sum of rows in `bits` bits.
+
+    No partial sum has more bits, so synthesis makes one tree of carry-save adders of all rows, with
+    one carry chain behind it.
+    """
     total = Const(0, bits)
     for row in rows:
         total = (total + row)[:bits]
@@ -52,27 +55,31 @@ def _sum(rows: list[Value], bits: int) -> Value:
 class Terms(wiring.Component):
     """total += (sum · factor · 2^GAIN) >> shift for the base and for each term.
 
-    Members
-        first: a Gaussian's first term is given in this cycle; in those that follow others are.
-        shift: how far a term is shifted; three: the factor is 3, not 4.
-        multiplicands: those of the term by channel and lane, 0 where there is no polynomial.
-        polynomials: those of the term of the cycle before.
-        base: half of the base's multiplicands by channel, in the cycle after `first`; base_shift,
-            base_three: likewise.
-        half: ½ is added to the base; stays for a frame.
-        o: colours, codes of `unscaled_colour_format`: with all terms that came until `latency`
-            cycles ago.
+    Parameters:
+        base: bits of the base
 
-    A machine without harmonics has neither multiplicands nor polynomials, and no term's shift.
+    Members:
+        first: in, a Gaussian's first term comes in this cycle; its other terms follow
+        base: in, half of the base's multiplicands by channel, in the cycle after `first`
+        base_shift: in, the base's shift, in the cycle after `first`
+        base_three: in, the base's factor is 3 instead of 4, in the cycle after `first`
+        half: in, ½ is added to the base; stable for a frame
+        o: out, colours, codes of `unscaled_colour_format`, with all terms up to `latency` cycles
+            ago
+        shift: in, only if the machine has harmonics: the term's shift
+        three: in, only if the machine has harmonics: the term's factor is 3 instead of 4
+        multiplicands: in, only if the machine has harmonics: the term's, by channel and lane, 0 if
+            there is no polynomial
+        polynomials: in, only if the machine has harmonics: polynomials of the previous cycle's term
 
-    **Timing**: a term a cycle, latency 5. Nine multipliers of 7 × 13 bits, made of adders here or
-    by synthesis (`Config.logic`).
+    **Timing**: one term per cycle, latency 5. Nine multipliers of 7 × 13 bits, built of adders here
+    or by synthesis (`Config.logic`).
     """
 
     latency = 5
 
     def __init__(self, config: Config, base: int):
-        """base: bits of it."""
+        """base: bits of the base."""
         self.config = config
         lanes = data.ArrayLayout(MULTIPLICAND, LANES)
         ports = {
@@ -116,7 +123,7 @@ class Terms(wiring.Component):
         return m
 
     def _delayed(self, m: Module, cycles: int, *values: Value) -> tuple[Value, ...]:
-        """Values so many cycles later."""
+        """Values `cycles` cycles later."""
         for k in range(cycles):
             later = [Signal.like(value, name=f"{value.name}_{k}") for value in values]
             m.d.sync += [b.eq(a) for a, b in zip(values, later, strict=True)]
@@ -124,7 +131,7 @@ class Terms(wiring.Component):
         return values
 
     def _base(self, m: Module, channel: int, shift: Value, offset: int) -> Signal:
-        """A channel's base, scaled and shifted, and what a total begins with besides."""
+        """A channel's scaled and shifted base, plus the offset with which a total begins."""
         base = self.base[channel]
         scaled = Signal(signed(len(base) + 2), name=f"base_{channel}", reset_less=True)
         m.d.sync += scaled.eq((base << 2) - Mux(self.base_three, base, 0))

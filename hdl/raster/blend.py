@@ -27,35 +27,45 @@ PIXELS = BLOCK**2
 
 
 class Blend(wiring.Component):
-    """Blends, pixel by pixel: T and the colour in, weights out of T·alpha, T and the colour back.
+    """Blends pixel by pixel: reads T and the colour, weights the splat by T·alpha, writes both
+    back.
 
-    A pixel whose T would fall below the least one ends: from then on it stays as it is. What cannot
-    be seen is left out (`Config.faint`); there a pixel's last splat takes what is left of T. A
+    A pixel whose T would fall below the minimum terminates: it does not change any more. Invisible
+    contributions are left out (`Config.faint`); then a pixel's last splat takes the rest of T. A
     block that is touched for the first time in a group begins with T of almost 1 and no colour.
-    Weights
-    are differences of T cut to few bits: what one weight lacks the next one has, and all together
-    are what has been taken from T.
+    Weights are differences of T truncated to few bits: the next weight includes what one weight
+    lacks, so that their sum is the decrease of T.
 
-    Parameters
-        blocks: how many the memories hold. pixels: of a block; fewer are good for measurements.
+    Parameters:
+        blocks: number of blocks in the memories
+        pixels: pixels per block; fewer are useful for measurements
 
-    Members
-        valid, block: something is to be done with a block: its number in the memory.
-        coming: `block` of the next cycle, unless this one is valid and has to wait; for an FPGA.
-        give: it is given out and forgotten. blends: a splat is blended into it, behind that.
-        log2_alphas: of its pixels. colour: the splat's.
-        inside: pixels within the image; the others have ended from the start.
-        rest: all that is left of T is blended with the colour.
-        busy: `block` is not to be blended now. entered: one has been taken in the two cycles
-            before, to be blended.
-        blended: of block `blended_block`, at the moment: ended: all pixels have ended; level: for
-            each level of `spec.raster.mark_min` from 1 on, the block is at it, or at a higher one.
-        o: 8-bit colours of block `given_block`, when it is given out: `given`.
-        giving: a block to be given out is on its way.
+    Members:
+        valid: in, an operation on `block`
+        block: in, number of the block in the memory
+        coming: in, only if `Config.logic` is `fpga`: `block` of the next cycle, unless this one is
+            valid and has to wait
+        log2_alphas: in, `log2_alpha_layout` of the block's pixels
+        colour: in, of the splat
+        inside: in, one bit per pixel: it is within the image; the others are terminated from the
+            start
+        give: in, the block is output and reset
+        blends: in, a splat is blended into the block, after `give`
+        rest: in, all of the remaining T is blended with the colour
+        busy: out, `block` cannot be blended now
+        entered: out, in the two cycles before, a block to be blended was taken
+        blended: out, block `blended_block` has been blended
+        blended_block: out, its number
+        ended: out, all its pixels are terminated
+        level: out, one bit for each level of `spec.raster.mark_min` from 1 on: it is at it or above
+        giving: out, a block to be output is in flight
+        given: out, `o` is valid
+        given_block: out, number of the block at `o`
+        o: out, 8-bit colours of the block's pixels
 
-    **Timing**: a block a cycle, the same again after `BUSY` cycles; each of the 16 lanes has one
-    multiplier, or four (`Config.logic`). The memories have a write port and a read port of a
-    block's pixels each.
+    **Timing**: one block per cycle, the same block again after `BUSY` cycles; each of the 16 lanes
+    has one multiplier, or four (`Config.logic`). The memories have a write port and a read port of
+    a block's pixels each.
     """
 
     BUSY = 4
@@ -111,8 +121,11 @@ class Blend(wiring.Component):
         return m
 
     def _wait(self, m: Module, *stages: tuple):
-        """Whether a block has to wait for itself. On an FPGA that is found out a cycle before, from
-        the stages that are left then, as what depends on it is far."""
+        """Whether a block has to wait for itself.
+
+        On an FPGA this is computed a cycle earlier, from the stages that remain then, because the
+        logic behind it is far away.
+        """
 
         def within(block: Value, stages: Iterable[tuple]) -> Value:
             return Cat(valid & (stage.block == block) for valid, stage in stages).any()
@@ -126,7 +139,7 @@ class Blend(wiring.Component):
             m.d.comb += self.busy.eq(within(self.block, stages))
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
-        """Registers of a stage, some for each lane, and a bit that says that they are valid."""
+        """Registers of a stage, some of them per lane, and their valid bit."""
         shared = {"block": self.number, "colour": self.colour_shape}
         shared |= dict.fromkeys(("untouched", "give", "blends", "rest"), 1)
         lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
@@ -137,7 +150,7 @@ class Blend(wiring.Component):
         return stage_valid, stage
 
     def _look_up(self, m: Module, stored: ReadPort) -> tuple[Signal, data.View]:
-        """Ask for T."""
+        """Request T."""
         fire = self.valid & ~self.busy
         m.d.comb += [stored.en.eq(fire), stored.addr.eq(self.block)]
         self.untouched = ~self.touched.bit_select(self.block, 1)
@@ -180,12 +193,12 @@ class Blend(wiring.Component):
         return product_valid, product
 
     def _subtract(self, m: Module, kept: WritePort, valid: Signal, before: data.View) -> tuple:
-        """T without the splat's share; T is written back."""
+        """Subtract the splat's share from T, and write T back."""
         config = self.config
         taken_valid, stage = self._stage(m, "taken", {"weight": config.weight}, valid, before)
         coarser, ended = config.transmittance - config.weight, Signal(self.pixels)
         bits, levels = config.transmittance, len(self.level)
-        bright = [0] * levels  # for each level, pixels whose T is too high for it
+        bright = [0] * levels  # per level: pixels whose T is too high for it
         for pixel, (lane, to) in enumerate(zip(before.lanes, stage.lanes, strict=True)):
             taken = Signal(config.transmittance, name=f"taken_{pixel}")
             rest = Signal(config.transmittance + 1, name=f"rest_{pixel}")
@@ -218,9 +231,9 @@ class Blend(wiring.Component):
     def _weight(self, m: Module, stages: list[tuple]) -> list[list[Value]]:
         """weight · colour, rounded to the sums' steps: for each pixel, for each channel.
 
-        Two bits of the weight at a time choose 0, 1, 2 or 3 times the colour, the threefold made
-        once for all lanes, and registers follow, a further one of `stages`; or it is a multiplier
-        (`Config.logic`).
+        Two bits of the weight at a time select 0, 1, 2 or 3 times the colour (the triple is
+        computed once for all lanes), followed by registers, which are one more of `stages`; or it
+        is a multiplier (`Config.logic`).
         """
         (_, product), taken = stages[-2:]
         config = self.config
@@ -251,8 +264,12 @@ class Blend(wiring.Component):
         return [[lane[name] for name in COLOURS] for lane in stage.lanes]
 
     def _add(self, m: Module, before: tuple, stage: tuple, parts: list):
-        """The sums with weight · colour; 8-bit colours out of them. before: the stage in which
-        they are read; parts: those of `_weight`, beside `stage`."""
+        """Add weight · colour to the sums; convert the sums to 8-bit colours.
+
+        before: the stage in which the sums are read
+        stage: the stage in which they are written
+        parts: results of `_weight`, in step with `stage`
+        """
         config = self.config
         (entering, next_), (valid, taken) = before, stage
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))

@@ -21,7 +21,7 @@ from splatcore.spec.raster import (
     quadratic_record,
 )
 
-CUTS = ("multiples", "block", "lines", "exponents")  # registers stand behind what these names say
+CUTS = ("multiples", "block", "lines", "exponents")  # registers are behind these values
 
 
 def log2_alpha_layout(config: Config) -> data.StructLayout:
@@ -32,15 +32,18 @@ def log2_alpha_layout(config: Config) -> data.StructLayout:
 class Evaluate(wiring.Component):
     """E = log2(alpha) at the 16 pixels of one of the blocks that a rasterizer owns.
 
-    Parameters
-        pixels: how many of them, from the first row on; fewer are good for measurements.
+    Parameters:
+        rasterizer: its number
+        pixels: number of pixels, from the first row on; fewer are useful for measurements
 
-    Members
-        quadratic: E around the tile. number: which of the rasterizer's blocks of a tile, one bit.
-        enable: the pipeline moves.
-        log2_alphas: `log2_alpha_layout` of the pixels row by row, `LATENCY` enabled cycles later.
+    Members:
+        quadratic: in, `quadratic_record`, E around the tile
+        number: in, one-hot, which of the rasterizer's blocks of a tile
+        enable: in, the pipeline advances
+        log2_alphas: out, `log2_alpha_layout` of the pixels row by row, `LATENCY` enabled cycles
+            later
 
-    **Timing**: a block a cycle; no multiplier.
+    **Timing**: one block per cycle; no multiplier.
     """
 
     LATENCY = len(CUTS)
@@ -59,7 +62,7 @@ class Evaluate(wiring.Component):
         m = Module()
         pipeline = Pipeline(m, self.enable, dict.fromkeys(CUTS, 1))
         coarser = self.config.exponent_fraction + 2 - self.config.pixel_fraction
-        # A pixel's E is above −147 in a block that is reached, so what is above may wrap.
+        # A pixel's E is above −147 in a block that is reached, so higher bits may wrap.
         width = EXPONENT_INTEGER + self.config.pixel_fraction
         unsigned = ("cxx", "cyy")
         finer = [
@@ -90,7 +93,7 @@ class Evaluate(wiring.Component):
         return m
 
     def _multiples(self, e, gx, gy, cxx, cxy, cyy) -> list[Value]:
-        """Products with the block's p and q, as `spec.raster` names them."""
+        """Products with the block's p and q, as named in `spec.raster`."""
         steps = [(STEPS[block % BLOCKS], STEPS[block // BLOCKS]) for block in self.blocks]
         return [
             self._choose(value, [factor(p, q) for p, q in steps])
@@ -103,7 +106,7 @@ class Evaluate(wiring.Component):
         ]  # fmt: skip
 
     def _choose(self, value: Value, factors: list[int]) -> Value:
-        """value · the factor of the block at hand."""
+        """value · the factor of the selected block."""
         chosen = value
         sizes = [abs(factor) for factor in factors]
         for size in (3, 9):
@@ -114,7 +117,7 @@ class Evaluate(wiring.Component):
         return Mux(Cat(negative).any(), -chosen, chosen) if negative else chosen
 
     def _log2_alpha(self, m: Module, exponent: Value) -> Value:
-        """`log2_alpha_layout` of E: what is 0 or more by rounding counts as just below."""
+        """`log2_alpha_layout` of E; an E that rounding raised to 0 or more counts as just below."""
         config = self.config
         log2_alpha = Signal(log2_alpha_layout(config))
         step = config.pixel_fraction - config.power_fraction

@@ -15,24 +15,27 @@ from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_re
 from splatcore.spec.config import Config
 from splatcore.spec.feature import feature_record
 
-FEATURES_WAITING = 64  # features that may be on their way or wait: what hides memory's latency
+FEATURES_WAITING = 64  # features in flight or waiting, to hide the latency of memory
 ENDS_WAITING = 8  # groups' ends among them
 
 
 class Features(wiring.Component):
-    """Sorted splats in; the same with their features out, in the same order.
+    """Adds their features to sorted splats, in the same order.
 
-    A splat is fetched once for all tiles of a group, unless it is known that none of its tiles has
-    a live pixel any more.
+    A splat's feature is read once for all tiles of a group, unless it is known that none of its
+    tiles has a live pixel any more.
 
-    Members
-        i: stream of `sorted_record`; o: stream of `featured_record`.
-        features_at: address of the features, in beats.
-        live: tiles of the group at `o` that have live pixels. stop: none of the group at `i`, which
-            is the same, has any; its further splats are dropped.
-        reads, data: to and from memory.
+    Members:
+        i: in, stream of `sorted_record`
+        o: out, stream of `featured_record`
+        features_at: in, address of the features, in beats
+        live: in, tiles of the group at `o` that have live pixels
+        stop: out, no tile of the group at `i`, which is the same group, has live pixels; its
+            further splats are dropped
+        reads: out, stream of `read_record`, to memory
+        data: in, stream of `read_beat`, from memory
 
-    **Timing**: a splat in a cycle, `FEATURES_WAITING` on their way.
+    **Timing**: one splat per cycle, `FEATURES_WAITING` in flight.
     """
 
     def __init__(self, config: Config):
@@ -57,9 +60,7 @@ class Features(wiring.Component):
         m.submodules.features = features = Queue(
             layout(feature_record(self.config)), FEATURES_WAITING, memory=True
         )
-        m.submodules.reserved = reserved = Credit(
-            FEATURES_WAITING, "features on their way or waiting"
-        )
+        m.submodules.reserved = reserved = Credit(FEATURES_WAITING, "features in flight or waiting")
         head = soon(m, "head", waiting.o, self.config.logic)
         m.submodules.ends = ends = Credit(depth + 1, "ends of groups inside")  # one at `head`
         taken = self._ask(m, waiting.i, reserved.room)
@@ -75,8 +76,10 @@ class Features(wiring.Component):
         return m
 
     def _ask(self, m: Module, order: stream.Interface, free: Value) -> Signal:
-        """Asks for a splat's feature when there is room for it, which is what `free` says; returns
-        a bit: one is asked for."""
+        """Request a splat's feature when there is room for it (`free`).
+
+        Returns whether one is requested.
+        """
         m.submodules.reads = register = Register(layout(read_record()))
         connect(m, register.o, flipped(self.reads))
         i, read, taken = self.i, register.i, Signal()
@@ -95,8 +98,10 @@ class Features(wiring.Component):
         return taken
 
     def _collect(self, m: Module, features: stream.Interface, taken: Signal):
-        """A beat that comes back has a feature in the part that was asked for; there is always
-        room. taken: one is asked for."""
+        """Store the feature, which is in the requested part of the beat; there is always room.
+
+        taken: a feature is requested
+        """
         beats = port_beats(self.config)
         part = 0
         if beats > 1:
@@ -116,7 +121,7 @@ class Features(wiring.Component):
         never_waits(m, "features", features, "a feature: FEATURES_WAITING")
 
     def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
-        """Splats with their features; returns a bit: one leaves."""
+        """Output splats with their features; return whether one leaves."""
         o, given = self.o, Signal()
         end = order.payload.end
         m.d.comb += [

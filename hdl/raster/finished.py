@@ -17,16 +17,19 @@ def nth(config: Config, number: Value) -> Value:
 
 
 class Finished(wiring.Component):
-    """A place for each of a rasterizer's blocks of a group; they come in any order, and leave in
-    that of `spec.raster.nth_block`, group after group.
+    """A place for each of a rasterizer's blocks of a group.
 
-    Members
-        valid, block, pixels: a block comes: its number in the group, its pixels. Its place is free.
-        taken: places that are not free.
-        o: stream of `pixels_record`.
+    Blocks come in any order, and leave in the order of `spec.raster.nth_block`, group after group.
 
-    **Timing**: a block a cycle; one that comes can leave two cycles later. The memory has a row for
-    each block, a write port and a read port.
+    Members:
+        valid: in, a block comes; its place must be free
+        block: in, its number in the group
+        pixels: in, its pixels
+        taken: out, one bit per place: it is not free
+        o: out, stream of `pixels_record`
+
+    **Timing**: one block per cycle; a block can leave two cycles after it came. The memory has a
+    row per block, a write port and a read port.
     """
 
     def __init__(self, config: Config):
@@ -70,5 +73,5 @@ class Finished(wiring.Component):
         return m
 
     def _bits(self, valid: Value, block: Value) -> list[Value]:
-        """A bit for each block: it is this one."""
+        """One bit per block: it is `block`, if `valid`."""
         return [valid & (block == k) for k in range(self.blocks)]

@@ -1,4 +1,4 @@
-"""Reads the table of groups, and hands each group's position and list to the parts behind."""
+"""Reads the table of groups, and passes each group's position and list to the parts behind."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
@@ -19,17 +19,22 @@ from splatcore.spec.raster import position_record
 from splatcore.spec.record import Record
 
 TAKERS = {"lists": 2, "positions": 8, "pixels": 8}
-"""Streams of groups → depth of each one's queue: sorting runs ahead of rasterizing and writing."""
+"""Streams of groups → depth of their queues: sorting runs ahead of rasterizing and writing."""
 
-EMPTY_WAITING = 2  # groups without entries that are known before they are written
+EMPTY_WAITING = 2  # groups without entries that wait to be written
 
 
 class Walk(wiring.Component):
     """A walk through the groups of an image, row after row.
 
-    Members
-        start: to the first group. rows, columns: of the image, in groups. step: to the next group.
-        position: a `position_record`. active: it is that of a group, the last one is not yet past.
+    Members:
+        start: in, go to the first group
+        rows, columns: in, of the image, in groups
+        step: in, go to the next group
+        position: out, `position_record` of the present group
+        active: out, `position` is valid: the last group is not yet past
+
+    **Timing**: one group per cycle.
     """
 
     def __init__(self, config: Config):
@@ -57,23 +62,26 @@ class Walk(wiring.Component):
 
 
 class Groups(wiring.Component):
-    """Reads the table of groups and gives each group to all parts that handle it.
+    """Reads the table of groups, and passes each group to all parts that handle it.
 
-    Two walks: one gives the groups with entries, as fast as they are taken; the other one finds
-    the groups without, far ahead of the first.
+    There are two walks: one passes on the groups with entries as fast as they are taken; the other
+    finds the groups without entries, far ahead of the first.
 
-    Members
-        start: a frame begins. width, height: of its image, pixels; groups_at: address of its
-            table, in beats.
-        lists: stream of `group_record` for sorting. positions: stream of `position_record` for
-            rasterizing. pixels: the same for writing. These three have the groups with entries.
-        empty: stream of `position_record`, the groups without entries.
-        groups: how many the image has, from a few cycles after `start` on.
-        busy: groups of the image are still to be looked at, or are on their way.
-        reads, data: to and from memory.
+    Members:
+        start: in, a frame begins
+        width, height: in, of its image, pixels
+        groups_at: in, address of its table, in beats
+        lists: out, stream of `group_record`, groups with entries, for sorting
+        positions: out, stream of `position_record`, groups with entries, for rasterizing
+        pixels: out, stream of `position_record`, groups with entries, for writing pixels
+        empty: out, stream of `position_record`, groups without entries
+        groups: out, number of groups of the image, valid a few cycles after `start`
+        busy: out, groups of the image are still to be visited, or in flight
+        reads: out, stream of `read_record`, to memory
+        data: in, stream of `read_beat`, from memory
 
-    **Timing**: a group a cycle; a group for `empty`, or a look at one with entries, in memory's
-    latency and 4 cycles. No multiplier but that of `groups`.
+    **Timing**: one group with entries per cycle; the other walk takes 4 cycles and memory's latency
+    per group. One multiplier, for `groups`.
     """
 
     def __init__(self, config: Config):
@@ -106,7 +114,7 @@ class Groups(wiring.Component):
         return m
 
     def _grid(self, m: Module) -> Value:
-        """The two walks and the number of groups; returns a bit: this is known now."""
+        """The two walks and the number of groups; return whether the number is valid now."""
         side = convention.TILE * self.config.group
         self.walk, self.search = Walk(self.config), Walk(self.config)
         m.submodules.walk, m.submodules.search = self.walk, self.search
@@ -123,7 +131,7 @@ class Groups(wiring.Component):
         return known
 
     def _table(self, m: Module, known: Value, share: Share) -> stream.Interface:
-        """The table's slots; it is asked for when the number of groups is known."""
+        """The table's slots; requested when the number of groups is known."""
         bits = len(self.groups)
         m.submodules.fetch = fetch = Fetch(self.config, BURST_BEATS, bits)
         m.submodules.unpack = unpack = Unpack(self.config, bits, ranges=1)
@@ -143,7 +151,7 @@ class Groups(wiring.Component):
         return unpack.o
 
     def _give(self, m: Module, slots: stream.Interface):
-        """Each group with entries to each part, at the part's own pace."""
+        """Pass each group with entries to each part, at the part's own pace."""
         known = Record("known", {"group": group_record(), "position": position_record(self.config)})
         m.submodules.fork = fork = Fork(layout(known), len(TAKERS))
         i, group = fork.i, fork.i.payload.group
@@ -163,7 +171,7 @@ class Groups(wiring.Component):
             m.d.comb += queued.payload.eq(payload)
 
     def _queued(self, m: Module, name: str, depth: int) -> stream.Interface:
-        """What goes through a queue, and a register behind it, to the output of that name."""
+        """Connect a queue and a register to the named output; return the queue's input."""
         target = getattr(self, name)
         m.submodules[name] = queue = Queue(target.payload.shape(), depth)
         m.submodules[f"{name}_next"] = following = Register(target.payload.shape())
@@ -172,10 +180,10 @@ class Groups(wiring.Component):
         return queue.i
 
     def _find_empty(self, m: Module, known: Value, share: Share):
-        """Looks at one group after the other while there is room for one without entries."""
+        """Look up one group after the other while there is room for one without entries."""
         walk, asks, beat = self.search, share.i[1], share.o[1]
         queued = self._queued(m, "empty", EMPTY_WAITING)
-        asked = Signal()  # the present group's beat is on its way
+        asked = Signal()  # the present group's beat is in flight
         number = Signal.like(self.groups)
         slots = self.config.port // 8 // work.SLOT
         low = exact_log2(slots)

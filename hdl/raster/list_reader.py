@@ -18,32 +18,34 @@ from splatcore.spec.sort import half_entries, listed_record
 from splatcore.spec.work import SLOT, page_bytes
 
 BEATS_WAITING = 48
-"""Beats of entries that may wait to be sorted, while others are on their way."""
+"""Beats of entries that may wait to be sorted, while others are in flight."""
 
 LONG_BEATS_WAITING = 30
-"""The same of entries that are to be dealt, which are taken more slowly."""
+"""The same for entries to be dealt, which are taken more slowly."""
 
 BURST, LONG_BURST = 8, 4
-"""Beats asked for at a time, likewise."""
+"""Beats per request, for the same two kinds."""
 
 
 class ListReader(wiring.Component):
-    """Reads lists: those of groups from page to page, dealt ones (`spec.sort`) in one go.
+    """Reads lists: lists of groups page by page, dealt lists (`spec.sort`) in one go.
 
-    Parameters
-        depth: beats that may wait; burst: beats that are asked for at a time.
+    Parameters:
+        depth: beats that may wait
+        burst: beats per request
 
-    Members
-        lists_at, scratch_at: addresses of the pages and of the buckets, in beats.
-        i: stream of `listed_record`.
-        o: stream of `entry_record`, those of one group after those of the other.
-        reads, data: to and from memory.
-        in_scratch: if there are windows (`hdl.memory.window`): what is asked for at `reads` lies in
-            scratch memory.
+    Members:
+        lists_at, scratch_at: in, addresses of the pages and of the buckets, in beats
+        i: in, stream of `listed_record`
+        o: out, stream of `entry_record`, list by list
+        reads: out, stream of `read_record`, to memory
+        data: in, stream of `read_beat`, from memory
+        in_scratch: out, only if there are windows (`hdl.memory.window`): the request at `reads` is
+            for scratch memory
 
-    **Timing**: an entry a cycle; from a page's last beat to the request for the next one 2 cycles.
-    The last slot of a page is the next page's number; of a list's last page only the beats with
-    entries are read.
+    **Timing**: one entry per cycle; two cycles from a page's last beat to the request for the next
+    page. The last slot of a page is the number of the next page; of a list's last page only the
+    beats with entries are read.
     """
 
     def __init__(self, config: Config, depth: int = BEATS_WAITING, burst: int = BURST):
@@ -62,7 +64,7 @@ class ListReader(wiring.Component):
         m = Module()
         beats, bucket = page_bytes(self.config) // BEAT, half_entries(self.config)
         count_bits = max(self.config.page, bucket).bit_length()
-        longest = max(beats, bucket * SLOT // BEAT)  # beats that are read in one go
+        longest = max(beats, bucket * SLOT // BEAT)  # maximum number of beats read in one go
         marks = bool(window_bits(self.config))
         fetch = Fetch(self.config, self.depth, longest.bit_length(), self.burst, marks)
         unpack = Unpack(self.config, count_bits)
@@ -71,19 +73,19 @@ class ListReader(wiring.Component):
         m.d.comb += unpack.o.ready.eq(self.o.ready)
         step = -(-longest // fetch.beats)
         m.submodules.ahead = ahead = Credit(
-            2 * fetch.depth - 1 + step, "beats of lists on their way", step=step
+            2 * fetch.depth - 1 + step, "beats of lists in flight", step=step
         )
         self._pages(m, fetch, unpack, beats, ahead)
         return m
 
     def _pages(self, m: Module, fetch: Fetch, unpack: Unpack, beats: int, ahead: Credit):
-        """A page after the other; a page's number comes with the last beat of the one before."""
+        """Read page after page; a page's number comes with the last beat of the previous page."""
         left, page, dealt = Signal(COUNT_BITS), Signal(PAGE_BITS), Signal()
-        goes_on = (left >= self.config.page) & ~dealt  # then the page's last slot is a link
+        goes_on = (left >= self.config.page) & ~dealt  # if so, the page's last slot is a link
         count = Mux(goes_on, self.config.page - 1, left)
         slots_a_beat = BEAT // SLOT
         wanted = Mux(goes_on, beats, (left + slots_a_beat - 1) // slots_a_beat)
-        counted = Signal()  # the page's count has gone to `unpack`; only then it is asked for
+        counted = Signal()  # `unpack` has the page's count; only then the page is requested
         of_port = (wanted + fetch.beats - 1) >> exact_log2(fetch.beats)
         link = self.data.payload.beat[-ENTRY_BITS:][:PAGE_BITS]
         begins = Signal()

@@ -18,7 +18,7 @@ from splatcore.spec.raster import (
 )
 from splatcore.spec.record import Array
 
-CUTS = ("multiples", "lines", "planes", "marked")  # registers stand behind what these names say
+CUTS = ("multiples", "lines", "planes", "marked")  # registers are behind these values
 
 CARRIED = ("quadratic", "tile", "end", *COLOURS)
 
@@ -31,29 +31,30 @@ def times(value: Value, factor: int) -> Value:
 
 
 def magnitudes(x: Value, y: Value) -> Value:
-    """|x| + |y| of signed values: −x is ~x + 1, and both ones come to the sum."""
+    """|x| + |y| of signed values: −x is ~x + 1, and both ones are added to the sum."""
     ones = [value.as_unsigned() ^ value[-1].replicate(len(value)) for value in (x, y)]
     return (ones[0] + ones[1] + x[-1] + y[-1])[: len(ones[0] + ones[1])]
 
 
 def plus(value: Value, multiples: dict, name: str, factor: int, bits: int) -> Value:
-    """value + factor · 2^bits · a number of which there are multiples."""
+    """value + factor · 2^bits · the number called `name`, of which there are multiples."""
     part = multiples[name, abs(factor)] << bits
     return value + part if factor > 0 else value - part
 
 
 class Mark(wiring.Component):
-    """Marks the blocks in which E can be as high as each of their levels asks for.
+    """Marks the blocks in which E can reach the threshold of each of their levels.
 
-    A block is left out if the plane that touches E at the block's centre is too low in all of the
+    A block is left out if the plane that touches E at the block's centre is too low everywhere in
+    the
     block: E is concave, so it is nowhere above that plane.
 
-    Members
-        i: `around_record`.
-        enable: the pipeline moves.
-        o: `marked_record` of the tile's blocks by level, `LATENCY` enabled cycles later.
+    Members:
+        i: in, `around_record`
+        enable: in, the pipeline advances
+        o: out, `marked_record` with the tile's blocks by level, `LATENCY` enabled cycles later
 
-    **Timing**: a pair a cycle; no multiplier.
+    **Timing**: one pair per cycle; no multiplier.
     """
 
     LATENCY = len(CUTS)
@@ -97,8 +98,11 @@ class Mark(wiring.Component):
         return m
 
     def _multiples(self) -> tuple[Value, Value, dict[tuple[str, int], Value], tuple]:
-        """A bit: the tile is near enough; E; multiples of what else the quadratic has, by name and
-        factor; what is carried on."""
+        """Multiples of the quadratic's coefficients except E.
+
+        Returns a bit (the tile is near enough), E, the multiples by name and factor, and the
+        carried fields.
+        """
         quadratic, multiples = self.i.quadratic, {}
         for factors, names in (((1, 3), ("gx", "gy")), ((1, 3, 9), ("cxx", "cxy", "cyy"))):
             for name in names:
@@ -113,7 +117,8 @@ class Mark(wiring.Component):
 
     def _rows(self) -> tuple[Value, list[tuple], dict[tuple[str, int], Value], list]:
         """For each row of blocks, in its middle: E above the lowest level, its slope along x, three
-        times that, its slope along y. With them what `_multiples` gives."""
+        times that, its slope along y. Also the results of `_multiples` that are still needed.
+        """
         near, e, multiples, carried = self._multiples()
         gx, gx_3, gy = (multiples[key] for key in (("gx", 1), ("gx", 3), ("gy", 1)))
         rows = []

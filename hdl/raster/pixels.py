@@ -43,36 +43,37 @@ ROW_BITS = BLOCK * PIXEL * 8  # bits of a row of a block
 
 
 class Pixels(wiring.Component):
-    """Writes groups of finished blocks, those side by side of one row of blocks together: a span.
+    """Writes groups of finished blocks span by span: the adjacent blocks of one row of blocks.
 
-    Two groups are at work: one whose blocks rasterizers give, and one without a splat, of which a
-    span is written whenever the blocks of the other one's next span are not all present. Where two
-    spans side by side share a beat (`spec.raster.spans_meet`), the second one writes it.
+    Two groups are processed at a time: one with blocks from the rasterizers, and one without
+    splats, of which a span is written whenever blocks of the other group's next span are missing.
+    If two adjacent spans share a beat (`spec.raster.spans_meet`), the second one writes it.
 
-    Members
-        start: a frame begins. width, height: of its image, pixels; groups: how many it has;
-            pixels_at, stride_beats: its address in memory and the distance of its rows, in beats.
-        background: a colour (`spec.colour.colour_format`), that of groups without a splat.
-        positions: stream of `position_record`, the groups with splats, row after row.
-        empty: stream of `position_record`, the groups without, row after row.
-        i: streams of `pixels_record`, one for each rasterizer: the blocks of the groups with
-            splats, as `spec.raster.nth_block` orders them.
-        plain: the group without a splat is at work.
-        through: the image's last span has been given.
-        writes: to memory.
+    Members:
+        start: in, a frame begins
+        width, height: in, of its image, pixels
+        groups: in, number of its groups
+        pixels_at, stride_beats: in, address of the image and distance of its rows, in beats
+        background: in, a colour (`spec.colour.colour_format`), also for groups without splats
+        positions, empty: in, streams of `position_record`, the groups with and without splats by
+            rows
+        i: in, streams of `pixels_record`, one per rasterizer: blocks of the groups with splats in
+            the order of `spec.raster.nth_block`
+        plain: out, a group without splats is being written
+        through: out, the image's last span is done
+        writes: out, stream of `write_record` to memory
 
-    **Timing**: a row of `span` blocks in the port's beats that it lies in (4 blocks: 3 of 128 bits;
-    of 256 bits 1, then 2), a beat a cycle without a pause between spans; 1 cycle more for each
-    group, for each change to the other group (2 where it is found out that blocks are not present),
-    and 2 for each span of a group that is not in the image. Where a stream of groups goes on some
-    rows of groups farther down, that row is known as many cycles later.
+    **Timing**: a row of a span takes one cycle per beat of the port (4 blocks: 3 of 128 bits; 1 of
+    256 bits, then 2), without a pause between spans. One cycle more per group, and per change to
+    the other group (two if blocks turn out to be missing); two per span outside the image. If the
+    next group is some rows of groups farther down, as many cycles more.
     """
 
     def __init__(self, config: Config):
         self.config, self.span = config, span_blocks(config)
         self.side = exact_log2(config.group)
         self.row = self.span * ROW_BITS // 8  # bytes of a row of a span
-        # Those that wait for the next span.
+        # Bytes left to the next span.
         self.kept = self.row % port_bytes(config) if spans_meet(config) else 0
         pixels = In(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
         position = In(stream.Signature(layout(position_record(config))))
@@ -102,8 +103,8 @@ class Pixels(wiring.Component):
         self.port_pixels_at, self.stride = self.pixels_at[below:], self.stride_beats[below:]
         if self.kept:
             m.submodules.tails = self.tails = Queue(8 * self.kept, BLOCK, memory=True)
-        # Each group's span: its number in a row of a tile's blocks, or of two tiles', that row, the
-        # tile, or pair of tiles.
+        # Parts of a span's number: in a row of blocks of one or two tiles, that row, the tile or
+        # pair of tiles.
         meet = tiles_meet(self.config)
         self.counts = (
             exact_log2(BLOCKS // self.span) + meet,
@@ -112,12 +113,12 @@ class Pixels(wiring.Component):
         )
         self.blocks_span, self.empty_span = Signal(sum(self.counts)), Signal(sum(self.counts))
         self.pixel_row, self.beat = Signal(exact_log2(BLOCK)), Signal(2)
-        # The group at work.
+        # The present group.
         self.span_number = Mux(self.plain, self.empty_span, self.blocks_span)
         place = Signal(self.positions.payload.shape())
         m.d.comb += place.eq(Mux(self.plain, self.empty.payload, self.positions.payload))
         heads, present, takes = self._heads()
-        # Of the span that begins next: this one, or with `following` the one behind it.
+        # The span that begins next: this one, or with `following` the one behind it.
         self.following = Signal()
         spans = self.empty_span, self.blocks_span
         number = Mux(self.plain, *((span + self.following)[: sum(self.counts)] for span in spans))
@@ -128,8 +129,8 @@ class Pixels(wiring.Component):
             name: Signal.like(value, name=name, reset_less=True) for name, value in coming.items()
         }
         self.begins = [register.eq(coming[name]) for name, register in work.items()]
-        there = self._beats(m, heads, work)
-        self._control(m, work, present, there, takes)
+        tail_ok = self._beats(m, heads, work)
+        self._control(m, work, present, tail_ok, takes)
         return m
 
     def _place(self, span: Value, position) -> tuple[Value, Value]:
@@ -139,8 +140,8 @@ class Pixels(wiring.Component):
         return Cat(number, tile[:across], position.column), Cat(block_row, tile[across:])
 
     def _group_rows(self, m: Module) -> tuple[Value, Value]:
-        """Where in memory the row of groups begins that the group at work is in, in beats of the
-        port; a bit: that is known. Each follows from the one above it."""
+        """Address of the present group's row of groups, in beats of the port, and whether it is
+        valid; each address follows from the previous row's."""
         found = []
         for groups in (self.empty, self.positions):
             row, at = Signal.like(groups.payload.row), Signal.like(self.port_pixels_at)
@@ -154,13 +155,13 @@ class Pixels(wiring.Component):
         return at, reached
 
     def _parts(self, span: Value) -> list[Value]:
-        """The parts of its number that `counts` has the widths of."""
+        """The parts of a span's number, with the widths in `counts`."""
         ends = [sum(self.counts[:k]) for k in range(len(self.counts) + 1)]
         return [span[low:high] for low, high in pairwise(ends)]
 
     def _heads(self) -> tuple[list[Value], Value, list[Value]]:
-        """Of the group with splats the present row of the span's blocks; a bit: all are present;
-        and a bit for each rasterizer: one of them is its own."""
+        """The present row of the span's blocks, for the group with splats; whether all blocks are
+        present; one bit per rasterizer: it owns one of them."""
         heads, present = [], []
         rows = [i.payload.pixels.as_value().word_select(self.pixel_row, ROW_BITS) for i in self.i]
         takes = [Value.cast(0)] * self.config.rasterizers
@@ -173,16 +174,15 @@ class Pixels(wiring.Component):
                 for row in range(BLOCKS)
                 for span in range(spans)
             ]
-            heads.append(Array(rows[who] for who in owners)[number])
-            present.append(Array(self.i[who].valid for who in owners)[number])
-            for who in set(owners):
-                mine = Cat(number == n for n, other in enumerate(owners) if other == who).any()
-                takes[who] = takes[who] | mine
+            heads.append(Array(rows[own] for own in owners)[number])
+            present.append(Array(self.i[own].valid for own in owners)[number])
+            for own in set(owners):
+                mine = Cat(number == n for n, other in enumerate(owners) if other == own).any()
+                takes[own] = takes[own] | mine
         return heads, self.positions.valid & Cat(present).all(), takes
 
     def _background(self, m: Module, skipped: Value) -> Value:
-        """A beat of nothing but background: its first byte's colour goes by the beat and by how
-        many words lie before the span."""
+        """A beat of background; its first colour depends on beat and words before the span."""
         codes = [background_code(self.config, self.background[name]) for name in COLOURS]
         codes = [Mux(code > 255, 255, code)[:8] for code in codes]
         stays = Signal(data.ArrayLayout(8, PIXEL), name="codes", reset_less=True)  # for a frame
@@ -196,10 +196,11 @@ class Pixels(wiring.Component):
         return Array(turned)[Cat(self.beat, skipped)]
 
     def _about(self, column: Value) -> dict[str, Value]:
-        """What the beats of a span's rows go by, if its column is in the image.
+        """Per-span values from which its beats are formed (column within the image).
 
-        skipped: words before it in its first beat; behind: the byte behind it; end: the last beat;
-        of two spans that meet in a beat, second: it is that one; keeps: it leaves that beat to it.
+        skipped: words before it in its first beat
+        behind, end: the byte behind it, the last beat
+        second, keeps: of two spans that share a beat: it is the second; it leaves the beat to that
         """
         words = ROW_BITS // 8 // WORD  # of a row of a block
         size, row = port_bytes(self.config), self.row
@@ -222,10 +223,10 @@ class Pixels(wiring.Component):
         }  # fmt: skip
 
     def _beats(self, m: Module, heads: list[Value], work: dict[str, Value]) -> Value:
-        """A row of the span as beats; a bit: what it begins with is there. work: `_about` it."""
+        """Form a span's row of beats; return whether the previous span's bytes are available."""
         size, row = port_bytes(self.config), self.row
         skipped, behind = work["skipped"], work["behind"]
-        segment, begin, there = Cat(heads) << (skipped * WORD * 8), skipped * WORD, Const(1)
+        segment, begin, tail_ok = Cat(heads) << (skipped * WORD * 8), skipped * WORD, Const(1)
         if self.kept:
             second, keeps = work["second"], work["keeps"]
             i, o = self.tails.i, self.tails.o
@@ -236,21 +237,21 @@ class Pixels(wiring.Component):
                 o.ready.eq(own & second & ~self.beat.any()),
             ]
             segment |= Mux(second, o.payload, 0)
-            begin, there = Mux(second, 0, begin), ~second | self.beat.any() | o.valid
-            never_waits(m, "kept", i, "what a span's row leaves to the next span")
+            begin, tail_ok = Mux(second, 0, begin), ~second | self.beat.any() | o.valid
+            never_waits(m, "kept", i, "bytes that a span's row leaves to the next span")
         write = self.write.payload
         bytes_ = [Cat(self.beat << exact_log2(size)) + k for k in range(size)]
         of_blocks = segment.word_select(self.beat, size * 8)
         beat = Mux(self.plain, self._background(m, skipped), of_blocks)
         m.d.comb += write_data(self.config, write).eq(beat)
         m.d.comb += write.strobe.eq(Cat((byte >= begin) & (byte < behind) for byte in bytes_))
-        return there
+        return tail_ok
 
-    def _control(self, m: Module, work: dict, present: Value, there: Value, takes: list):
-        """Span after span; the other group's at the end of one, or where blocks are missing.
+    def _control(self, m: Module, work: dict, present: Value, tail_ok: Value, takes: list):
+        """Write span after span; change to the other group after a span, or if blocks are missing.
 
-        work: `_about` the span; present: its blocks are; there: what a row of them begins with.
-        """
+        work, present: `_about` the span; its blocks are present
+        tail_ok: bytes left by the previous span are available"""
         write, given, inside = self.write, Signal(), Signal()
         row, end = work["row"], work["end"]
         size, below = port_bytes(self.config), exact_log2(port_beats(self.config))
@@ -260,7 +261,7 @@ class Pixels(wiring.Component):
         across = self.column * self.span * BLOCK < self.width
         m.d.comb += inside.eq(across & (self.row_of_blocks * BLOCK < self.height))
         page = exact_log2(BOUNDARY // size)
-        crosses = (line[:page] + end)[page]  # then each beat is a burst of its own
+        crosses = (line[:page] + end)[page]  # if so, each beat is a separate burst
         last_row = (self.pixel_row == BLOCK - 1) | (row * BLOCK + self.pixel_row + 1 >= self.height)
         m.d.comb += [
             write.payload.beat.eq((line + Mux(crosses, self.beat, 0)) << below),
@@ -280,7 +281,7 @@ class Pixels(wiring.Component):
                 with m.If(given):
                     m.next = "PLACE"
             with m.State("ROWS"):
-                m.d.comb += [write.valid.eq(self.plain | (present & there)), self.following.eq(1)]
+                m.d.comb += [write.valid.eq(self.plain | (present & tail_ok)), self.following.eq(1)]
                 with m.If(~write.valid & self.empty.valid):
                     m.d.sync += self.plain.eq(1)
                     m.next = "PLACE"
@@ -300,7 +301,7 @@ class Pixels(wiring.Component):
         self._advance(m, given, takes)
 
     def _advance(self, m: Module, given: Value, takes: list[Value]):
-        """To a group's next span, and to the next group. given: the present span is through."""
+        """Go to a group's next span, and to the next group. given: the present span is done."""
         spans = self.blocks_span, self.empty_span
         done = Signal.like(self.groups)
         through = given & self.span_number.all()

@@ -1,4 +1,4 @@
-"""Stage 3, first step: a splat's features to the integers that setup works with."""
+"""Stage 3, first step: converts a splat's features to the integers that setup works with."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Value
 from amaranth.lib import stream, wiring
@@ -25,7 +25,7 @@ from splatcore.spec.raster import (
 )
 
 CUTS = ("parts", "shifted", "mixed", "squared", "summed")
-"""Registers stand behind what these names say."""
+"""Registers are behind the values with these names."""
 
 
 class Parts:
@@ -43,10 +43,10 @@ class Parts:
 
 
 def fitted(value: Value, right: Value, format: Float, fixed: Fixed) -> Value:
-    """A significand · 2^−right, floor, as the nearest number of a signed `fixed`.
+    """A significand · 2^−right, rounded down, as the nearest number of a signed `fixed`.
 
-    A number of `format` fits for certain if it is shifted to the left by no more than `room`; one
-    that is shifted farther has its leading one beyond the end.
+    A number of `format` fits for certain if it is shifted to the left by at most `room`; if it is
+    shifted farther, its leading one is beyond the end.
     """
     bits = fixed.integer + fixed.fraction
     room = bits - format.fraction - 1
@@ -58,19 +58,19 @@ def fitted(value: Value, right: Value, format: Float, fixed: Fixed) -> Value:
 
 
 def _clipped(amount: Value, most: int) -> Value:
-    """A shift that does what `amount` ≥ 0 does to a number of `most` bits."""
+    """A shift equivalent to `amount` ≥ 0 for a number of `most` bits."""
     width = most.bit_length()
     return Mux(amount[width:-1].any(), (1 << width) - 1, amount[:width])
 
 
 class Prepare(wiring.Component):
-    """Makes of a splat's features a `prepared_record`, by shifts and three products.
+    """Converts a splat's features to a `readied_record`, by shifts and two products.
 
-    Members
-        i: stream of `featured_record`: a splat with the tiles it reaches, or a group's end.
-        o: stream of `readied_record`, the same in the integers of setup.
+    Members:
+        i: in, stream of `featured_record`: a splat with the tiles it reaches, or a group's end
+        o: out, stream of `readied_record`, the same in the integers of setup
 
-    **Timing**: a splat a cycle, `len(CUTS)` cycles; two multipliers, of 11 and 18 × 19 bits.
+    **Timing**: one splat per cycle, latency `len(CUTS)`; two multipliers, of 11 and 18 × 19 bits.
     """
 
     def __init__(self, config: Config):
@@ -144,7 +144,7 @@ class Prepare(wiring.Component):
 
 
 def _shifted(value: Value, right: Value, least: int) -> Value:
-    """value · 2^−right, floor; right is never below `least`."""
+    """value · 2^−right, rounded down; right is never below `least`."""
     room = max(-least, 0)
     wide = Cat(Const(0, room), value)
     wide = wide.as_signed() if value.shape().signed else wide

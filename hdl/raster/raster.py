@@ -19,24 +19,24 @@ from splatcore.spec.config import Config
 from splatcore.spec.record import Record
 
 SPLATS_WAITING = 16
-"""Splats that may wait before stage 3: while others have many tiles, dead ones are left out."""
+"""Splats that may wait before stage 3: dead ones are dropped while others have many tiles."""
 
 GROUPS_APART = (1 << raster.GROUP_BITS) - 1
-"""Most by which the group that enters may be ahead of a rasterizer's."""
+"""Maximum number of groups by which the entering group is ahead of a rasterizer's."""
 
 
 class Expand(wiring.Component):
-    """Stage 3, second step: a pair for each tile of a splat that still has live pixels, and a
-    group's end.
+    """Stage 3, second step: a pair for each tile of a splat that has live pixels, and a group's
+    end.
 
-    Members
-        i: stream of `readied_record`.
-        positions: stream of `position_record`, one for each group, taken with the group's end.
-        live: the group's tiles that have live pixels.
-        o: stream of `pair_record`; a pair that waits stays, though its tile may have ended.
+    Members:
+        i: in, stream of `readied_record`
+        positions: in, stream of `position_record`, one per group, taken with the group's end
+        live: in, the group's tiles that have live pixels
+        o: out, stream of `pair_record`; a waiting pair stays, even if its tile has ended meanwhile
 
-    **Timing**: a pair a cycle; a splat none of whose tiles is live takes a cycle. No registers but
-    those of the tiles done, and of the one offered.
+    **Timing**: one pair per cycle; a splat without live tiles takes one cycle. No registers except
+    for the tiles done and the tile offered.
     """
 
     def __init__(self, config: Config):
@@ -55,7 +55,7 @@ class Expand(wiring.Component):
         i, o, position = self.i.payload, self.o.payload, self.positions.payload
         done = Signal(side**2)
         open_tiles, chosen = Signal(side**2), Signal(side**2)
-        waits = Signal(side**2)  # the tile whose pair was offered and not taken
+        waits = Signal(side**2)  # the tile whose pair was offered and not yet taken
         m.d.sync += waits.eq(Mux(self.o.valid & ~self.o.ready, chosen, 0))
         valid = self.i.valid & self.positions.valid
         m.d.comb += [
@@ -89,24 +89,29 @@ def counted(config: Config) -> tuple[str, ...]:
 class Raster(wiring.Component):
     """Blends each group's splats in the order in which they come.
 
-    Members
-        i: stream of `featured_record`: a group's splats front to back, then its end.
-        positions: stream of `position_record`: the groups' positions, in their order.
-        width, height: of the image, pixels. background: a colour (`spec.colour.colour_format`).
-        live: tiles of the group at `i` that have live pixels; splats of others are not needed.
-        o: streams of `pixels_record`, one for each rasterizer: blocks within the image, group after
-            group, each once.
-        splats, rasterizers: the queue of splats, and the rasterizers (for tests).
-        counters, clear: events of `counted`: splats taken; those without a live tile; pairs of a
-            splat and a tile; pairs without a marked block; cycles in which a pair waited.
+    Members:
+        i: in, stream of `featured_record`: a group's splats front to back, then its end
+        positions: in, stream of `position_record`, the groups' positions in their order
+        width, height: in, of the image, pixels
+        background: in, a colour (`spec.colour.colour_format`)
+        live: out, tiles of the group at `i` that have live pixels; splats of others are not needed
+        o: out, streams of `pixels_record`, one per rasterizer: blocks within the image, group after
+            group, each once
+        clear: in, all counters are 0
+        counters: out, counts of `counted`: splats taken; those without a live tile; pairs of a
+            splat and a tile; pairs without a marked block; cycles in which a pair waited
 
-    **Timing**: a pair a cycle; for the rest see `hdl.raster.rasterizer`.
+    Internal:
+        splats: the queue of splats
+        rasterizers: the rasterizers
+
+    **Timing**: one pair per cycle; see also `hdl.raster.rasterizer`.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        # Ends of groups between: waiting, in the two pipes, in the register behind them, before the
-        # rasterizer; and the group that has not begun there though the one before has ended.
+        # Ends of groups in between: in the queue, in the two pipes, in the register behind them and
+        # before the rasterizer; and the group whose predecessor has ended but which has not begun.
         pipes = len(CUTS) + Setup.LATENCY + Mark.LATENCY
         inside = SPLATS_WAITING + pipes + Register.HOLDS + PAIRS_WAITING
         enough(GROUPS_APART, inside + 1, "GROUP_BITS, ends of groups that may be apart")
@@ -155,13 +160,13 @@ class Raster(wiring.Component):
         return m
 
     def _register(self, m: Module, name: str, source, target):
-        """A group's position through a register, so that each taker has its own pace."""
+        """Pass a group's position through a register, so that each taker has its own pace."""
         m.submodules[name] = register = Register(layout(raster.position_record(self.config)))
         connect(m, source, register.i)
         connect(m, register.o, target)
 
     def _mark(self, m: Module):
-        """Pairs through setup and marking; each rasterizer gets those with blocks of its own."""
+        """Pairs through setup and marking; each rasterizer gets the pairs with its own blocks."""
         config = self.config
         m.submodules.setup, m.submodules.mark = setup, mark = Setup(config), Mark(config)
         m.submodules.pipe = pipe = Pipe(Setup.LATENCY + Mark.LATENCY)
@@ -185,13 +190,13 @@ class Raster(wiring.Component):
         with m.If(passes(marked) & pair.end):
             m.d.sync += self.arrived.eq(self.arrived + 1)
         takers = []
-        # Of the pair at the end: it is, or was, offered to them; they have taken it.
+        # Rasterizers to which the last pair is, or was, offered; rasterizers that have taken it.
         offered, given = Signal(config.rasterizers), Signal(config.rasterizers)
         for number, part in enumerate(self.rasterizers):
             o = part.i.payload
             own = [Cat(level[block] for block in part.own) for level in pair.blocks]
-            there = self._at(part, self.arrived)
-            blocks = Mux(there, part.wanted(own, pair.tile), own[0])
+            at_group = self._at(part, self.arrived)
+            blocks = Mux(at_group, part.wanted(own, pair.tile), own[0])
             m.d.comb += [
                 o[name].eq(pair[name]) for name in ("quadratic", "tile", "end", *raster.COLOURS)
             ]
@@ -218,7 +223,7 @@ class Raster(wiring.Component):
         for number, part in enumerate(self.rasterizers):
             within(
                 m, f"groups{number}", ends, passes(part.positions), GROUPS_APART,
-                "groups that are that far apart look the same: GROUP_BITS", begin=1,
+                "groups apart, too many for GROUP_BITS", begin=1,
             )  # fmt: skip
         m.d.comb += [
             self.live.eq(live),
@@ -230,10 +235,12 @@ class Raster(wiring.Component):
         connect(m, queue.o, self.prepare.i)
 
     def _live(self, m: Module, name: str, ends: Value) -> Signal:
-        """Tiles with live pixels, as far as known, of the group at some point of the pipeline.
+        """Tiles with live pixels, as far as known, of the group at one place of the pipeline.
 
-        A register holds them: they only become fewer in a group, so those of the cycle before will
-        do, but for the next group. ends: a group's end passes that point.
+        The tiles are registered: within a group they only lose pixels, so the previous cycle's are
+        safe, except for the next group.
+
+        ends: a group's end passes that place
         """
         tiles = self.config.group**2
         group, live = Signal(raster.GROUP_BITS, name=name), Signal(tiles, init=(1 << tiles) - 1)

@@ -1,8 +1,7 @@
 """A rasterizer: blends pairs into the blocks that it owns in every tile of a group.
 
-A group's blocks are given out while the next group is blended: each with the first splat that comes
-to it, as the lanes begin it anew anyway, or, one after the other, where the lanes have nothing else
-to do.
+A group's blocks are output while the next group is blended: each with the first splat that comes to
+it, because the lanes reset it then, or one after the other, when the lanes are idle.
 """
 
 from collections.abc import Sequence
@@ -26,29 +25,36 @@ from splatcore.spec.number import Bits
 from splatcore.spec.record import Array, Record
 
 PAIRS_WAITING = 16
-"""Pairs that may wait before a rasterizer: others may have more to do with the same splats."""
+"""Pairs that may wait before a rasterizer: others may have more blocks of the same splats."""
 
 STAGES = 1 + Evaluate.LATENCY
-"""Blocks on their way to the lanes."""
+"""Stages of blocks in flight to the lanes."""
 
 
 class Rasterizer(wiring.Component):
-    """Evaluates and blends one marked block a cycle; gives a group's pixels out after its end.
+    """Evaluates and blends one marked block per cycle; outputs a group's pixels after its end.
 
-    Members
-        i: stream of `marked_record` with this rasterizer's blocks by level, or a group's end.
-        positions: stream of `position_record`, one for each group.
-        width, height: of the image, pixels. background: a colour.
-        started, group: a group is being rasterized, and its number modulo 2^GROUP_BITS.
-        live: blocks of each of the group's tiles that have live pixels. level: for each level from
-            1 on (`spec.raster.mark_min`) those that are at it, or at a higher one.
-        o: stream of `pixels_record`: the group's blocks (`spec.raster.nth_block`).
-        blended, waited: a block enters the lanes; none does although the group has not ended.
-        pairs, finished: the queue of pairs, and the blocks that have been given out (for tests).
+    Members:
+        i: in, stream of `marked_record` with this rasterizer's blocks by level, or a group's end
+        positions: in, stream of `position_record`, one per group
+        width, height: in, of the image, pixels
+        background: in, a colour
+        started: out, a group is being rasterized
+        group: out, its number modulo 2^GROUP_BITS
+        live: out, blocks of each of the group's tiles that have live pixels
+        level: out, for each level from 1 on (`spec.raster.mark_min`), blocks that are at it or
+            above
+        o: out, stream of `pixels_record`, the group's blocks (`spec.raster.nth_block`)
+        blended: out, a block enters the lanes
+        waited: out, no block enters the lanes although the group has not ended
 
-    **Timing**: a marked block a cycle, but for those in which no pixel reaches alpha 1/255 and for
-    blocks that come again within `Blend.BUSY` cycles. A group takes at least a cycle for every
-    block, for those of the group before, and one more for every block with a background.
+    Internal:
+        pairs: the queue of pairs
+        finished: the blocks that have been output by the lanes
+
+    **Timing**: one marked block per cycle, except blocks in which no pixel reaches alpha 1/255 and
+    blocks that come again within `Blend.BUSY` cycles. A group takes at least one cycle per block of
+    the previous group, and one more per block with a background.
     """
 
     def __init__(self, config: Config, number: int):
@@ -82,14 +88,14 @@ class Rasterizer(wiring.Component):
         m.submodules.blend = self.blend = Blend(self.config, self.blocks)
         connect(m, flipped(self).i, self.pairs.i)
         self.position = Signal(layout(raster.position_record(self.config)))
-        self.moves = Signal()  # blocks before the lanes move on
-        # What is done with a block that is issued, and with those on their way to the lanes. That a
-        # visit gives the block out as well, as it is stale, is known a cycle later.
+        self.moves = Signal()  # blocks before the lanes advance
+        # Operations of the block being issued, and of blocks in flight to the lanes. That a visit
+        # outputs the block as well, because it is stale, is known a cycle later.
         self.visits, self.gives, self.rests = Signal(), Signal(), Signal()
         self.visiting, self.giving, self.resting = Signal(STAGES), Signal(STAGES), Signal(STAGES)
-        self.tile, self.chosen = Signal(range(self.tiles)), Signal(len(self.own))  # which one
-        # Blocks that have not been given out since their group ended; those of them whose place is
-        # still taken by the group before that one.
+        self.tile, self.chosen = Signal(range(self.tiles)), Signal(len(self.own))  # of the block
+        # Blocks not yet output since their group ended; of these, blocks whose place is still taken
+        # by the previous group.
         blocks = data.ArrayLayout(len(self.own), self.tiles)
         self.stale, self.blocked = Signal(blocks), Signal(blocks)
         self._begin(m)
@@ -98,28 +104,30 @@ class Rasterizer(wiring.Component):
         return m
 
     def wanted(self, blocks: Sequence[Value], tile: Value) -> Value:
-        """Of blocks of a tile by level those that have live pixels and are not at a higher level,
-        as far as known."""
+        """Blocks of a tile that have live pixels and are not at a higher level, as far as known.
+
+        blocks: the tile's blocks by level
+        """
         found = blocks[0] & self.live[tile]
         for level, reached in zip(self.level, list(blocks)[1:], strict=True):
             found &= reached | ~level[tile]
         return found
 
     def _inside(self, number: Value, size: Value, step: int) -> Value:
-        """A bit for every `step`-th column (row) of a group: it is within the image."""
+        """One bit for every `step`-th column (row) of a group: it is within the image."""
         side = TILE * self.config.group
         rest = (size - number * side).as_signed()
         return Cat(rest > k * step for k in range(side // step))
 
     def _begin(self, m: Module):
-        """A group begins when its position is known and the last one's blocks have been blended."""
+        """Begin a group when its position is known and the previous group has been blended."""
         position = self.positions.payload
         behind = self.visiting.any() | self.blend.entered
         m.d.comb += self.positions.ready.eq(~self.started & ~behind)
         columns = self._inside(position.column, self.width, BLOCK)
         rows = self._inside(position.row, self.height, BLOCK)
         begins, blend = self.positions.valid & self.positions.ready, self.blend
-        # What has become of a block is known here a cycle later, unless its group is over then.
+        # The result of a block is known here a cycle later, unless its group is over then.
         shape = {"block": blend.blended_block.shape(), "ended": 1, "level": len(blend.level)}
         late, late_valid = Signal(data.StructLayout(shape), reset_less=True), Signal()
         m.d.sync += late_valid.eq(blend.blended & ~begins)
@@ -142,8 +150,9 @@ class Rasterizer(wiring.Component):
                 m.d.sync += level.as_value().bit_select(late.block, 1).eq(reached)
 
     def _issue(self, m: Module):
-        """The next block: of the pair at hand, unless it is not wanted any more; else one of the
-        group before, to be given out."""
+        """Issue the next block: of the present pair if it is still wanted; else one of the previous
+        group, to be output.
+        """
         pair, own = self.pairs.o.payload, len(self.own)
         done, left, open_, lowest_left = Signal(own), Signal(own), Signal(own), Signal(own)
         valid = self.started & self.pairs.o.valid
@@ -176,21 +185,21 @@ class Rasterizer(wiring.Component):
                 m.d.sync += row.eq(row & ~(visited | given))
 
     def _scan(self, m: Module, end: Value) -> tuple[Value, Value, Value]:
-        """One block after the other: those that have not been given out since their group ended,
-        while the lanes have nothing else to do; and at the group's end all, for the background, if
-        there is any, to be blended into them.
+        """Visit one block after the other: while the lanes are idle, those to be output that have
+        not been since their group ended; at the group's end all, to blend the background into them
+        if there is one.
 
-        end: the group's end is at hand. Returns a block's tile and which one it is there; a bit:
-        the group ends.
+        end: the group's end is the present pair
+        Returns a block's tile, which block of the tile it is, and whether the group ends.
         """
         own, bits = len(self.own), exact_log2(len(self.own))
         count, again = Signal(range(self.blocks + 1), init=self.blocks), Signal()
         number, through = nth(self.config, count[:-1]), count[-1]
         stale, blocked = (
-            which.as_value().bit_select(number, 1) for which in (self.stale, self.blocked)
+            blocks.as_value().bit_select(number, 1) for blocks in (self.stale, self.blocked)
         )
         background = self.background.as_value().any()
-        behind = self.giving.any() | self.blend.giving  # one may still be on its way to its place
+        behind = self.giving.any() | self.blend.giving  # one may still be in flight to its place
         m.d.comb += [
             self.gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
             self.rests.eq(~through & again),
@@ -255,11 +264,11 @@ class Rasterizer(wiring.Component):
         ]
 
     def _number(self, chosen: Value, tile: Value) -> Value:
-        """A block's in the memories of pixels."""
+        """A block's number in the memories of pixels."""
         return tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile
 
     def _edges(self, m: Module, tile: Value, chosen: Value):
-        """A bit for each of a block's pixels within the image."""
+        """One bit per pixel of a block: it is within the image."""
         side = self.config.group
         columns = Mux(chosen[0], self.own[0] % raster.BLOCKS, 0)
         rows = Mux(chosen[0], self.own[0] // raster.BLOCKS, 0)

@@ -1,4 +1,4 @@
-"""Second half of a frame: groups' lists and splats' features in memory to pixels in memory."""
+"""Second half of a frame: turns groups' lists and splats' features into pixels in memory."""
 
 from amaranth.hdl import Cat, Module
 from amaranth.lib import data, stream, wiring
@@ -35,8 +35,11 @@ WRITING = ("buckets", "pixels")  # names of its readers and writers in `spec.axi
 
 
 def job_layout(config: Config) -> data.StructLayout:
-    """The parameters of a frame for this half: addresses and distances in beats; the windows of its
-    areas, if there is more than one window."""
+    """Layout of a frame's parameters for this half.
+
+    Addresses and distances are in beats. `windows` (of its areas) is left out if all memory is one
+    window.
+    """
     areas = area_windows(config, READING, WRITING)
     windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
     return data.StructLayout(
@@ -54,19 +57,23 @@ def job_layout(config: Config) -> data.StructLayout:
 
 
 class Render(wiring.Component):
-    """Stages 2 and 3 with their memory side, for one frame after the other.
+    """Stages 2 and 3 with their memory access, frame by frame.
 
-    Members
-        start: begin a frame. job: what it is, until `done`.
-        reads, data, writes: to and from memory, for each of `READING` and `WRITING`.
-        read_windows, write_windows: beside these, if any (`hdl.memory.window`).
-        settled: for each of `WRITING`: all that was written is in memory.
-        patient: for each of `WRITING`: what it offers may wait for what all others do.
-        done: the frame's pixels are in memory.
-        counters: those of `hdl.sorting.sort` and `hdl.raster.raster`.
+    Members:
+        start: in, begin a frame
+        job: in, `job_layout`, its parameters, stable until `done`
+        reads: out, streams of `read_record` to memory, one for each of `READING`
+        data: in, streams of `read_beat` from memory, one for each of `READING`
+        writes: out, streams of `write_record` to memory, one for each of `WRITING`
+        settled: in, one bit for each of `WRITING`: all its written data is in memory
+        patient: out, one bit for each of `WRITING`: its writes may wait for all others
+        done: out, the frame's pixels are in memory
+        counters: out, counters of `hdl.sorting.sort` and `hdl.raster.raster`
+        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
+            of `reads` and `writes`
 
-    **Timing**: that of its slowest part, if memory keeps up; some hundred cycles more before the
-    first pair and after the last.
+    **Timing**: as its slowest part, if memory keeps up; a few hundred cycles more before the first
+    pair and after the last.
     """
 
     def __init__(self, config: Config):
@@ -169,7 +176,7 @@ class Render(wiring.Component):
         ]
 
     def _windows(self, m: Module):
-        """Where each reader and writer is at work."""
+        """The window of each reader and writer."""
         windows = self.job.windows
         for number, name in enumerate(READING):
             m.d.comb += self.read_windows[number].eq(windows[READ_AREAS[name]])
@@ -190,7 +197,7 @@ class Render(wiring.Component):
             with m.State("GROUPS"), m.If(self.pixels.through):
                 m.next = "SETTLE"
             with m.State("SETTLE"):
-                # What is offered, and not taken, is not known to `settled`.
+                # `settled` does not include a beat that is offered and not taken.
                 offered = self.pixels.writes.valid
                 m.d.comb += self.done.eq(self.settled.all() & ~offered & ~self.groups.busy)
                 with m.If(self.done):

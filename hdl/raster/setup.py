@@ -23,33 +23,33 @@ from splatcore.spec.raster import (
 )
 
 CUTS = ("pair", "way", "product", "lean", "distance", "length", "slope", "square", "sum")
-"""Registers stand behind what these names say."""
+"""Registers are behind the values with these names."""
 
 
 def outside(value: Value, integer: int, fraction: int) -> Value:
-    """High if a signed number leaves its range."""
+    """High if a signed number is out of range."""
     above = value[integer + fraction :]
     return above.any() & ~above.all()
 
 
 def shifted(value: Value, code: Value, most: int) -> Value:
-    """A signed value · 2^−(code + SHIFT_MIN), floor; `most` is the farthest that it is to the left.
+    """A signed value · 2^−(code + SHIFT_MIN), rounded down.
 
-    Farther to the left only a number of which nothing is left is shifted.
+    most: maximum shift to the left; only a number that becomes 0 is shifted farther
     """
     wide = Cat(Const(0, most), value).as_signed()
     return wide >> (code + (SHIFT_MIN + most))[: len(code)]
 
 
 class Setup(wiring.Component):
-    """E's coefficients for a splat and a tile, in a pipeline without a handshake of its own.
+    """E's coefficients for a splat and a tile, in a pipeline without its own handshake.
 
-    Members
-        i: `pair_record`.
-        enable: the pipeline moves.
-        o: `around_record`, `LATENCY` enabled cycles later.
+    Members:
+        i: in, `pair_record`
+        enable: in, the pipeline advances
+        o: out, `around_record`, `LATENCY` enabled cycles later
 
-    **Timing**: a pair a cycle; six multipliers of 11 to 19 × 20 bits.
+    **Timing**: one pair per cycle; six multipliers of 11 to 19 × 20 bits.
     """
 
     LATENCY = len(CUTS)
@@ -141,7 +141,7 @@ class Setup(wiring.Component):
         return values
 
     def _slope_shifted(self, slope: Value, code: Value) -> Value:
-        """slope · 2^(1 − k): k is at least −1."""
+        """slope · 2^(1 − k); k is at least −1."""
         wide = Cat(Const(0, 2), slope).as_signed()
         return wide >> (code + (SHIFT_MIN + 1))[: len(code)]
 

@@ -1,4 +1,4 @@
-"""Stage 2: sorts each group's list of entries by depth, long ones from buckets in scratch memory.
+"""Stage 2: sorts each group's list of entries by depth, long lists from buckets in scratch memory.
 
 May import: spec, hdl.lib.
 """

@@ -1,4 +1,4 @@
-"""A cascade of merges: sorts batches of entries while they pass, each merge doubling the runs."""
+"""A cascade of merges that sorts passing batches of entries; each merge doubles the runs."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -11,36 +11,41 @@ from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, index_bits, ranked_record
 
 MEMORY_FROM = 8
-"""Runs of so many entries wait in memories, shorter ones in flip-flops."""
+"""Minimum length of runs that wait in memories; shorter runs wait in flip-flops."""
 
-PAIRS_WAITING = 4  # pairs of runs in a merge whose first run has come to its end
+PAIRS_WAITING = 4  # pairs of runs in a merge whose first run is complete
 
 
 def entry_layout(config: Config, size: int) -> data.StructLayout:
-    """The layout of an entry of a run of `size`. index: in its run; last: of its batch."""
+    """Layout of an entry of a run of `size`. index: in its run; last: of its batch."""
     key = batch_record(config)["key"].width
     return data.StructLayout({"key": key, "index": exact_log2(size), "last": 1})
 
 
 def latency(size: int) -> int:
-    """Cycles from an entry's coming to a merge of runs of `size` to its being compared."""
+    """Cycles from the arrival of an entry at a merge of runs of `size` to its comparison."""
     return 2 if size >= MEMORY_FROM else 1
 
 
 class Pair(wiring.Component):
-    """Merges runs of `size` entries two by two, the earlier entry first of equal keys.
+    """Merges runs of `size` entries two by two; of equal keys the earlier entry comes first.
 
-    A batch is cut into runs from its beginning; its last run may be shorter, and may be alone.
+    A batch is cut into runs from its beginning; its last run may be shorter, and may be unpaired.
 
-    Members
-        i, o: streams of `entry_layout`, of runs of `size` and of twice as many.
-        turn, count: the run that comes is a pair's second; entries of it that have come; over: for
-            each run of the pair that leaves: it has left; last: the second one ends its batch (for
-            proofs).
+    Members:
+        i: in, stream of `entry_layout` for runs of `size`
+        o: out, stream of `entry_layout` for runs of 2 · `size`
 
-    **Timing**: an entry a cycle, a run's first one `latency` cycles after that of its pair's second
-    run, or after the end of a run that is alone. Two queues of `size` entries and those that come
-    meanwhile. No multiplier; no path from `o.ready` to `i.ready`.
+    Internal:
+        turn: the run at `i` is the second of its pair
+        count: entries of that run that have come
+        over: for each run of the pair that leaves: it has left
+        last: the second run ends its batch
+
+    **Timing**: one entry per cycle; a run's first entry leaves `latency` cycles after the first
+    entry of its pair's second run, or after the end of an unpaired run. Two queues of
+    `size` entries and entries that come meanwhile. No multiplier; no path from `o.ready` to
+    `i.ready`.
     """
 
     def __init__(self, config: Config, size: int):
@@ -87,11 +92,11 @@ class Pair(wiring.Component):
                 m.d.sync += turn.eq(~turn & ~i.payload.last)
 
     def _merge(self, m: Module):
-        """The smaller head of a pair whose first run has come."""
+        """Output the smaller head of a pair whose first run has come."""
         o, pair = self.o, self.alone.o
         first, second = (run.o for run in self.runs)
         over, last = self.over, self.last
-        left = Signal(2)  # a run has entries that have not been given
+        left = Signal(2)  # a run has entries that have not left
         m.d.comb += [left[0].eq(~over[0]), left[1].eq(~over[1] & ~pair.payload)]
         less = Signal()
         m.d.comb += less.eq(second.payload.entry.key < first.payload.entry.key)
@@ -124,14 +129,14 @@ class Pair(wiring.Component):
 
 
 class Cascade(wiring.Component):
-    """Sorts batches of up to `Config.sub_sorter_entries` entries, of equal keys the first first.
+    """Sorts batches of up to `Config.sub_sorter_entries` entries, stably.
 
-    Members
-        i: stream of `batch_record`.
-        o: stream of `ranked_record`.
+    Members:
+        i: in, stream of `batch_record`
+        o: out, stream of `ranked_record`
 
-    **Timing**: an entry a cycle in and out. A full batch's first entry leaves as many cycles after
-    its last one came as all merges' latencies are together; other batches stay up to half a batch
+    **Timing**: one entry per cycle in and out. The latency from a full batch's last entry in to its
+    first entry out is the sum of all merges' latencies; shorter batches stay up to half a batch
     longer. Batches follow each other without a pause; several may be inside. Memory for two
     batches. No multiplier.
     """
@@ -156,7 +161,7 @@ class Cascade(wiring.Component):
 
 
 def _join(m: Module, source: stream.Interface, target: stream.Interface):
-    """The key and the last bit; the index, as far as the source has one."""
+    """Connect key, last bit, and the index if the source has one."""
     m.d.comb += [target.valid.eq(source.valid), source.ready.eq(target.ready)]
     for name in source.payload.shape().members:
         m.d.comb += target.payload[name].eq(source.payload[name])

@@ -1,4 +1,4 @@
-"""Stage 2's front: cuts groups' lists into jobs, long ones by way of buckets in scratch memory."""
+"""Front of stage 2: cuts groups' lists into jobs, long ones by way of buckets in scratch memory."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import enum, stream, wiring
@@ -15,46 +15,45 @@ from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, entry_record
 
-JOBS_WAITING = 8  # jobs to be sorted; lists in front of those of a job that is being made
-JOBS_INSIDE = 16  # jobs that have been given out and are not over
+JOBS_WAITING = 8  # jobs to be sorted; also lists ahead of the lists of the job being formed
+JOBS_INSIDE = 16  # jobs that have been issued and are not over
 
 
 class State(enum.Enum):
-    """What is done with a list."""
+    """Step of processing a list."""
 
-    LIST = 0  # the next one is looked at; a short one is passed on
+    LIST = 0  # the next list is examined; a short one is passed on
     BEGIN = 1  # a round begins as soon as an area is free
     DEAL = 2  # entries are dealt
-    RANGE = 3  # the least and the greatest key are known
+    RANGE = 3  # minimum and maximum key are known
     FLUSH = 4  # a bucket is looked up,
     WRITE = 5  # and its last line written
     SETTLE = 6  # until all that was written is in memory
     LOOK = 7  # a bucket is looked up,
     COUNT = 8  # its entries are counted,
-    GIVE = 9  # and given out; or they are too many
-    EDGE = 10  # the least and the greatest key of such a bucket are known
-    EXTENT = 11  # how far the greatest of the round is from there on
-    REST = 12  # what is to be given out besides
+    GIVE = 9  # and issued; or the bucket is too full
+    EDGE = 10  # minimum and maximum key of such a bucket are known
+    EXTENT = 11  # distance from there to the maximum key of the round
+    REST = 12  # the rest is issued
     NEXT = 13  # the round is over
 
 
 class Deal(wiring.Component):
-    """Lists in; jobs and the lists of entries that they are about, out (`spec.sort`).
+    """Turns lists into jobs, and into the lists of entries that belong to them (`spec.sort`).
 
-    Members
-        groups: stream of `group_record`, lists with entries.
-        reading: stream of `group_record`: a list that is to be read, whose entries come at
-            `entries`, a stream of `entry_record`.
-        lines: stream of `line_record`, to be written to scratch memory. settled: all that has been
-            written there is in memory.
-        jobs: stream of `job_record`. lists: stream of `listed_record`: whose entries are to be
-            sorted, those of a job before those of the next one. released: a job is over, and all
-            its entries have been read.
+    Members:
+        groups: in, stream of `group_record`, lists with entries
+        reading: out, stream of `group_record`, lists to be read
+        entries: in, stream of `entry_record`, the entries of the list at `reading`
+        lines: out, stream of `line_record`, to be written to scratch memory
+        settled: in, all lines are in memory
+        jobs: out, stream of `job_record`
+        lists: out, stream of `listed_record`, lists whose entries are to be sorted, job by job
+        released: in, a job is over, and all its entries have been read
 
-    **Timing**: a list that fits on chip in a cycle. An entry of a long one in 2 cycles, in each
-    round of its list; besides, a round takes some 5 cycles for each bucket and the memory's
-    latency, while jobs before it are sorted. Memories: a count and a line for each bucket. No
-    multiplier.
+    **Timing**: a list that fits on chip takes one cycle. An entry of a long list takes two cycles
+    in each round; in addition a round takes about 5 cycles per bucket and the memory's latency,
+    while earlier jobs are sorted. Memories: a count and a line per bucket. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -79,19 +78,19 @@ class Deal(wiring.Component):
         self.base, self.shift = Signal(key), Signal(shift)
         self.next_base = Signal(key)  # for the next list
         self.next_shift = Signal(shift, init=sort.shift_max(config))
-        # What has been given out: keys below `low`, and `skip` entries of that key.
+        # Entries that have been issued: keys below `low`, and `skip` entries with key `low`.
         self.low, self.skip = Signal(key), Signal(COUNT_BITS)
         self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
         self.high, self.extent = Signal(key), Signal(key)
-        self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be given out
+        self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be issued
         self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
-        self.held, self.full = Signal(entry, reset_less=True), Signal()  # an entry being dealt
+        self.held, self.full = Signal(entry, reset_less=True), Signal()  # the entry being dealt
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
         self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
         self.counted = Signal.like(self.count)  # the same, a cycle later
         self.total = Signal(range(self.half + 1))  # of the buckets of the next job
         self.ends_round, self.all_used, self.job_room = Signal(), Signal(), Signal()
-        self.over, self.equal = Signal(), Signal()  # a bucket has too many; all have the same key
+        self.over, self.equal = Signal(), Signal()  # a bucket is too full; all its keys are equal
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -107,10 +106,10 @@ class Deal(wiring.Component):
         return m
 
     def _entry(self, m: Module):
-        """An entry is looked up when it comes, and written a cycle later."""
+        """Look an entry up when it comes, and write it a cycle later."""
         entries, dealing = self.entries, self.state == State.DEAL
         key, seen = self.held.key, Signal(COUNT_BITS)
-        of_low = Signal()  # it was given out before, though its key is not below `low`
+        of_low = Signal()  # it was issued before, though its key is not below `low`
         m.d.comb += [
             entries.ready.eq(dealing & ~self.full & self.rest.any()),
             of_low.eq((key == self.low) & (seen != self.skip)),
@@ -125,7 +124,7 @@ class Deal(wiring.Component):
             m.d.sync += [seen.eq(0), self.rest.eq(self.groups.payload.count)]
 
     def _memories(self, m: Module) -> list[Value]:
-        """Counts and the begun line of each bucket; returns the entries of the latter."""
+        """Counts and begun line of each bucket; return the entries of the line."""
         dealing, key = self.state == State.DEAL, self.entries.payload.key
         bucket, present = Signal(sort.BUCKET_BITS), Signal(sort.BUCKETS)
         offset = key - self.base
@@ -161,7 +160,7 @@ class Deal(wiring.Component):
         return found
 
     def _lines(self, m: Module, slots: list[Value]):
-        """A bucket's line is written with its last entry, or when the round ends."""
+        """Write a bucket's line with its last entry, or when the round ends."""
         bits = exact_log2(sort.LINE_SLOTS)
         lines, place, ending = self.lines, self.count[:bits], self.state == State.WRITE
         last = self.full & self.keep & place.all()
@@ -177,7 +176,7 @@ class Deal(wiring.Component):
             m.d.comb += lines.payload.slots[k].eq(Mux(ending & (place <= k), 0, slot))
 
     def _keys(self, m: Module):
-        """The least and the greatest key of a round; base and shift for the next list."""
+        """Minimum and maximum key of a round; base and shift for the next list."""
         key, state, first = self.held.key, self.state, Signal()
         shift = Signal.like(self.shift)
         for bit in range(len(self.extent)):
@@ -221,8 +220,8 @@ class Deal(wiring.Component):
                 m.d.sync += self.shift.eq(Mux(wanted < shift, wanted, shift))
 
     def _areas(self, m: Module):
-        """An area is in use from its first job's being given out until its last one is over."""
-        m.submodules.inside = self.inside = Queue(1, JOBS_INSIDE)  # jobs: the last of a round?
+        """An area is in use from its first job until its last job is over."""
+        m.submodules.inside = self.inside = Queue(1, JOBS_INSIDE)  # per job: it ends a round
         m.submodules.used = used = Credit(sort.AREAS, "areas in use")
         job, inside, begins = self.jobs_waiting.i, self.inside, Signal()
         m.d.comb += [
@@ -236,12 +235,12 @@ class Deal(wiring.Component):
             self.job_room.eq(job.ready & inside.i.ready),
         ]
         for name, queue in (("jobs", job), ("lists", self.lists_waiting.i), ("inside", inside.i)):
-            never_waits(m, name, queue, f"what is given out: {name}")
+            never_waits(m, name, queue, f"an item of {name}")
         with m.If(begins):
             m.d.sync += self.area.eq(Mux(self.area == sort.AREAS - 1, 0, self.area + 1))
 
     def _control(self, m: Module):
-        """Lists one after the other; rounds of a long one."""
+        """Process list after list; rounds for a long list."""
         state, group = self.state, self.groups.payload
         short = group.count <= self.half
         with m.Switch(state):
@@ -277,7 +276,7 @@ class Deal(wiring.Component):
                 m.d.sync += state.eq(Mux(self.left.any(), State.BEGIN, State.LIST))
 
     def _give(self, m: Module):
-        """A bucket joins those of the next job, if there is room."""
+        """Add a bucket to the next job, if there is room."""
         count = self.counted
         room = (self.total + count <= self.half) & (self.total < sort.full_enough(self.config))
         fits = room | ~count.any()
@@ -293,7 +292,7 @@ class Deal(wiring.Component):
             m.d.sync += self.state.eq(Mux(self.bucket.all(), State.REST, State.LOOK))
 
     def _give_rest(self, m: Module):
-        """The round's last job; behind it, if keys are equal, some of a bucket with too many."""
+        """Issue the round's last job; then, if keys are equal, part of a bucket too full."""
         equal, part = self.over & self.equal, Signal()
         with m.If(self.total.any()), m.If(self.job_room):
             self._give_job(m, self.total, ~self.left.any(), ~equal | part)
@@ -305,7 +304,7 @@ class Deal(wiring.Component):
             m.d.sync += [part.eq(0), self.over.eq(0), self.state.eq(State.NEXT)]
 
     def _place(self) -> Value:
-        """A bucket's place in scratch memory, as a list has it."""
+        """A bucket's place in scratch memory, as field `page` of a list."""
         return Cat(self.looked_up, self.area)
 
     def _give_list(self, m: Module, page: Value, count: Value, dealt: int):

@@ -1,4 +1,4 @@
-"""Merges sorted runs into one: always the smallest head, of equal ones the earliest run's."""
+"""Merges sorted runs into one: the smallest head first, of equal heads the earliest run's."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, wiring
@@ -13,29 +13,32 @@ from splatcore.spec.sort import index_bits, ranked_record, way_bits
 
 
 class Merge(wiring.Component):
-    """Merges up to `Config.merge_ways` runs whose entries lie, or will lie, in a half.
+    """Merges up to `Config.merge_ways` runs whose entries are, or will be, in a half.
 
-    Two entries of each run are held: the head and the one behind it, so that the time that the
-    memory takes to bring one more passes unseen. Heads are compared two by two: a tree of
-    comparators, cut in the middle by registers. (OR-trees pay for many entries that are loaded
-    once; this has few, and a new one in every round.)
+    Two entries of each run are held, the head and the one behind it, which hides the time the
+    memory takes to deliver the next entry. Heads are compared in a tree of comparators, cut in the
+    middle by registers. (OR-trees pay off for many entries that are loaded once; here there are
+    few, and a new one in every round.)
 
-    Members
-        begin: `runs` is the set of runs to be merged, none of them empty; their first entries are
-            read as soon as they are written.
-        written: how many entries each run has got.
-        head: address of an entry to be read; found: that of the cycle before, read.
-        room: the next entry may be given.
-        o: the next entry, for a cycle: its key, and the slot of its value.
-        stop: all runs are forgotten.
-        busy: something is left to be given.
-        starved: none is given for want of a head; blocked: for want of room.
+    Members:
+        begin: in, merge the runs in `runs`; their first entries are read as soon as they are
+            written
+        runs: in, one bit per way: it has a run, which is not empty
+        written: in, number of entries written, per run
+        head: out, `slot_layout`, address of an entry to be read
+        found: in, `ranked_record`, the entry at the address of the previous cycle
+        room: in, the next entry may be output
+        o: out, {valid, key, slot}, the next entry for one cycle: its key, and the slot of its value
+        stop: in, all runs are dropped
+        busy: out, entries are left
+        starved: out, no entry is output because a head is missing
+        blocked: out, no entry is output because there is no room
 
-    **Timing**: an entry every `INTERVAL` cycles, the first one as many cycles after `begin` as
-    there are runs, and 5. No multiplier.
+    **Timing**: one entry every `INTERVAL` cycles; the first one 5 cycles, and one cycle per run,
+    after `begin`. No multiplier.
     """
 
-    INTERVAL = 2  # cycles from an entry to the next one, at least
+    INTERVAL = 2  # minimum number of cycles from an entry to the next one
 
     def __init__(self, config: Config):
         self.config, self.ways = config, config.merge_ways
@@ -66,8 +69,8 @@ class Merge(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        # Half of the tree is done in the first cycle of a round, the rest in the second; heads stay
-        # until the round's end, so the registers between may always load.
+        # Half of the tree is evaluated in the first cycle of a round, the rest in the second; heads
+        # stay until the round ends, so the registers between may always load.
         second, all_present, takes = Signal(), Signal(), Signal(self.ways)
         winner = self._compare(m)
         m.d.comb += [
@@ -89,7 +92,7 @@ class Merge(wiring.Component):
         return m
 
     def _compare(self, m: Module) -> data.View:
-        """The smallest head, the earliest of equal ones, in the second cycle of a round."""
+        """The smallest head, of equal ones the earliest, in the second cycle of a round."""
         shape = data.StructLayout(
             {"key": self.key_bits, "gone": 1, "slot": slot_layout(self.config)}
         )
@@ -112,7 +115,7 @@ class Merge(wiring.Component):
         return level[0]
 
     def _fetch(self, m: Module) -> Signal:
-        """Reads one entry at a time, heads first; returns a bit for each way: its entry is here."""
+        """Read one entry at a time, heads first; return one bit per way: its entry is here."""
         read = [Signal(self.counter, name=f"read{way}") for way in range(self.ways)]
         fetching, asked, able, headless = (Signal(self.ways) for _ in range(4))
         left = Cat(pointer != self.written[way] for way, pointer in enumerate(read))
@@ -129,7 +132,7 @@ class Merge(wiring.Component):
         return fetching
 
     def _advance(self, m: Module, takes: Signal, found: Signal):
-        """A head that is taken makes room for the one behind it, or for the one just found."""
+        """A head that is taken is replaced by the entry behind it, or by the one just found."""
         for way, (head, behind) in enumerate(zip(self.heads, self.behind, strict=True)):
             arrives, present, waits = found[way], self.present[way], self.waits[way]
             with m.If(takes[way]):

@@ -1,4 +1,4 @@
-"""Stage 2: cuts jobs into batches, has them sorted, and keeps the runs in memory."""
+"""Stage 2: cuts jobs into batches, has them sorted into runs, and keeps the runs in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
@@ -15,13 +15,13 @@ from splatcore.spec.sort import half_entries, index_bits, job_record, ranked_rec
 
 
 def value_record(config: Config) -> Record:
-    """The payload of an entry: fields that sorting ignores."""
+    """The payload of an entry: the fields that sorting ignores."""
     entry = entry_record(config)
     return Record("value", {field: entry[field] for field in ("splat", "mask")})
 
 
 def slot_layout(config: Config) -> data.StructLayout:
-    """The address of a word of a half's memories: a way, or run, and the index within it."""
+    """Address of a word of a half's memories: a way (its run), and the index within it."""
     return data.StructLayout({"index": index_bits(config), "way": range(config.merge_ways)})
 
 
@@ -41,13 +41,16 @@ def ranked(config: Config) -> data.StructLayout:
 class Half(wiring.Component):
     """Half of the memory: the values of a job's entries by arrival, the keys by run and rank.
 
-    Members
-        arrived, ranked: entries of a job to be written.
-        clear: no run has an entry.
-        written: how many entries each run has got.
-        head, value: words to be read; head_found, value_found: the answers a cycle later.
+    Members:
+        arrived: in, `arrived`, a value to be written
+        ranked: in, `ranked`, an entry to be appended to its run
+        clear: in, all runs become empty
+        written: out, number of entries written, per run
+        head, value: in, `slot_layout`, words to be read
+        head_found: out, `ranked_record`, the word at `head` a cycle later
+        value_found: out, `value_record`, the word at `value` a cycle later
 
-    **Timing**: an entry a cycle; two memories of `half_entries` words.
+    **Timing**: one entry per cycle; two memories of `half_entries` words.
     """
 
     def __init__(self, config: Config):
@@ -97,29 +100,32 @@ class Half(wiring.Component):
 
 
 def job(config: Config) -> data.StructLayout:
-    """A job whose entries are all in a half or in sub-sorters.
+    """Layout of a job whose entries are all in a half or in sub-sorters.
 
-    runs: how many it has; last: it is its group's last one.
+    runs: number of its runs
+    last: it is its group's last job
     """
     return data.StructLayout({"ready": 1, "runs": range(config.merge_ways + 1), "last": 1})
 
 
 class Runs(wiring.Component):
-    """Cuts jobs into batches, and lets the sub-sorters make runs of these.
+    """Cuts jobs into batches, which the sub-sorters sort into runs.
 
-    Jobs go to the halves in turn, batches to the sub-sorters in turn, so the next job is being
+    Jobs go to the halves in turn, batches to the sub-sorters in turn, so that the next job is
     formed while one is merged.
 
-    Members
-        i: stream of `job_record`; entries: stream of `entry_record`.
-        arrived, ranked: entries to be written to each half.
-        jobs: the job of each half.
-        release: a half's job is over: entries of it that are still being sorted are dropped.
-        sorting: a sub-sorter has entries.
+    Members:
+        i: in, stream of `job_record`
+        entries: in, stream of `entry_record`
+        arrived: out, `arrived` for each half
+        ranked: out, `ranked` for each half
+        jobs: out, `job` for each half
+        release: in, one bit per half: its job is over; its entries still being sorted are dropped
+        sorting: out, a sub-sorter has entries
 
-    **Timing**: an entry in per cycle while sub-sorters are free, 3 cycles more for a job. A cascade
-    takes an entry a cycle; one of OR-trees is free again 3·entries + 2·phases cycles after it has
-    begun, if no more than two write to its half.
+    **Timing**: one entry in per cycle while sub-sorters are free, and three cycles more per job. A
+    cascade takes one entry per cycle; a sub-sorter of OR-trees is free again 3·entries + 2·phases
+    cycles after it has begun, if at most two write to its half.
     """
 
     def __init__(self, config: Config):
@@ -147,7 +153,7 @@ class Runs(wiring.Component):
         return m
 
     def _load(self, m: Module, sorters: list[Sorter]):
-        """An entry's value goes to its slot, its key to the sub-sorter whose turn it is."""
+        """Store an entry's value in its slot, and pass its key to the current sub-sorter."""
         half, slot, turn = Signal(), Signal(slot_layout(self.config)), Signal(range(len(sorters)))
         push, last, entry = Signal(), Signal(), self.entries.payload
         free = Cat(sorter.i.ready for sorter in sorters).bit_select(turn, 1)
@@ -165,10 +171,12 @@ class Runs(wiring.Component):
     def _cut(
         self, m: Module, half: Signal, slot: data.View, free: Value, push: Signal, last: Signal
     ):
-        """Jobs into batches.
+        """Cut jobs into batches.
 
-        half, slot: the next entry's; push: it goes there, if a sub-sorter is free; last: of its
-        batch.
+        half, slot: of the next entry
+        free: the sub-sorter whose turn it is takes an entry
+        push: an entry is stored
+        last: of its batch
         """
         left, ends = Signal.like(self.i.payload.count), Signal()  # entries that are not in yet
         used, runs = Signal(HALVES), Signal(range(self.config.merge_ways + 1))
@@ -205,10 +213,10 @@ class Runs(wiring.Component):
                 m.d.sync += job.ready.eq(0)
 
     def _write(self, m: Module, sorters: list[Sorter]):
-        """One sub-sorter at a time writes to a half, in each cycle another one before all others.
+        """One sub-sorter at a time writes to a half; in each cycle another one has priority.
 
-        A half takes what two give. Of more, none may wait until the others have given all that they
-        have: merging begins when each run has an entry.
+        A half takes as many entries as two sub-sorters output. If there are more, none may wait
+        until the others have output all their entries: merging begins when each run has an entry.
         """
         count = len(sorters)
         first = Signal(count, init=1)
@@ -220,7 +228,7 @@ class Runs(wiring.Component):
             m.d.comb += ranked.valid.eq(any_of(mine))
             for k, sorter in enumerate(sorters):
                 ahead, turns = Const(0, 1), [first[k]]
-                for start in range(k - 1, k - count, -1):  # negative ones count from the end
+                for start in range(k - 1, k - count, -1):  # negative indices count from the end
                     ahead |= mine[start]
                     turns.append(first[start] & ~ahead)
                 writes = mine[k] & any_of(turns)

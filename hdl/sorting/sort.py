@@ -18,31 +18,32 @@ from splatcore.spec.sort import job_record
 
 COUNTED = tuple(SORT)
 
-OUT_WAITING = 2  # entries that may wait at the end, the one that is being looked up included
-LOOK_UP = 2  # cycles from an entry's leaving the merge to its waiting at the end
+OUT_WAITING = 2  # entries that may wait at the output, including the one being looked up
+LOOK_UP = 2  # cycles from the merge to the output queue
 
 
 class Sort(wiring.Component):
-    """Jobs' entries in; the same entries in order, and a mark behind each group, out.
+    """Sorts the entries of jobs; outputs them in order, with a mark behind each group.
 
-    Members
-        jobs: stream of `job_record`; entries: stream of `entry_record`, those of one job after
-            those of the other.
-        stop: the rest of the group that is being given out is not needed. To be held until the
-            mark behind the group comes; a few entries may come before it.
-        released: a job is over; all its entries were taken.
-        o: stream of `sorted_record`.
-        counters, clear: events of `COUNTED`. The last three are cycles: in which a sub-sorter had
-            entries, in which a merge waited for one, and for the one before to be taken.
+    Members:
+        jobs: in, stream of `job_record`
+        entries: in, stream of `entry_record`, job by job
+        stop: in, the rest of the group at `o` is not needed; hold it until the group's mark comes;
+            a few entries may come before the mark
+        released: out, a job is over; all its entries were taken
+        o: out, stream of `sorted_record`
+        clear: in, all counters are 0
+        counters: out, counts of `COUNTED`; the last three count cycles in which a sub-sorter had
+            entries, in which a merge waited for an entry, and in which it waited for room at `o`
 
-    **Timing**: 2 cycles an entry, and about as many for a job as it has runs, and 14, while the
-    next job is being loaded. The first entry comes at least 2·phases + 8 cycles after the last
-    one went in. No multiplier.
+    **Timing**: two cycles per entry; a job takes about 14 cycles and one per run in addition, while
+    the next job is loaded. The first entry leaves at least 2·phases + 8 cycles after the last one
+    came. No multiplier.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        enough(Merge.INTERVAL, LOOK_UP, "cycles between entries, of which `room` is to know each")
+        enough(Merge.INTERVAL, LOOK_UP, "cycles between entries, so that `room` counts each")
         entry = layout(entry_record(config))
         ports = {
             "jobs": In(stream.Signature(layout(job_record(config)))),
@@ -57,7 +58,7 @@ class Sort(wiring.Component):
         self.runs, self.merge = Runs(config), Merge(config)
         self.given = Queue(layout(sorted_record(config)), OUT_WAITING)
         self.halves = [Half(config) for _ in range(HALVES)]
-        self.half, self.ends = Signal(), Signal()  # whose job is being merged; a mark is given
+        self.half, self.ends = Signal(), Signal()  # half being merged; a mark is output
         self.looking, self.found = Signal(), Signal()  # an entry's value is read, has been read
         self.ending = Signal()  # a group's mark has not been taken yet
 
@@ -75,7 +76,7 @@ class Sort(wiring.Component):
         return m
 
     def _halves(self, m: Module):
-        """The merge works on the half whose turn it is."""
+        """Connect the merge to the half whose turn it is."""
         runs, merge = self.runs, self.merge
         for k, half in enumerate(self.halves):
             m.submodules[f"half{k}"] = half
@@ -88,14 +89,14 @@ class Sort(wiring.Component):
                 runs.release[k].eq(over),
             ]
         first, second = self.halves
-        # A cycle later than it is so; a job begins when its half has been chosen for a cycle.
+        # One cycle late; a job begins when its half has been selected for a cycle.
         m.d.sync += merge.written.eq(Mux(self.half, second.written, first.written))
         m.d.comb += merge.found.eq(Mux(self.half, second.head_found, first.head_found))
         with m.If(self.released):
             m.d.sync += self.half.eq(~self.half)
 
     def _look(self, m: Module):
-        """Values of the entries that the merge gives, a cycle after each other."""
+        """Look up the values of the entries that leave the merge, one cycle after the other."""
         merge, given = self.merge, self.given.i.payload
         slot = Signal(slot_layout(self.config))
         first, second = self.halves
@@ -120,7 +121,7 @@ class Sort(wiring.Component):
             m.d.sync += self.ending.eq(0)
 
     def _control(self, m: Module):
-        """A job after the other; what is left of a group that is stopped is dropped."""
+        """Process job after job; the rest of a group that is stopped is dropped."""
         merge, job = self.merge, Signal(self.runs.jobs[0].shape())
         dropping, over = Signal(), Signal()
         m.d.comb += [

@@ -1,4 +1,4 @@
-"""A sub-sorter whose entries know where their runs are to be written."""
+"""A sub-sorter whose entries carry the place their run is written to."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
@@ -15,27 +15,31 @@ from splatcore.spec.sort import batch_record, ranked_record
 HALVES = 2
 
 BATCHES_INSIDE = 4
-"""Batches that may be in a cascade at a time: two full ones, and short ones of small lists."""
+"""Maximum number of batches in a cascade: two full ones, and short ones of small lists."""
 
 
 def target_layout(config: Config) -> data.StructLayout:
-    """Where a run is written: a way of a half."""
+    """The place where a run is written: a way of a half."""
     return data.StructLayout({"way": range(config.merge_ways), "half": 1})
 
 
 class Sorter(wiring.Component):
     """Sorts batches into runs (`Config.sub_sorter`).
 
-    Members
-        i: stream of batches' entries and their target.
-        o: stream of runs' entries and their target.
-        release: a bit for each half: its job is over, entries of it that are inside are dropped.
-        idle: no entry is inside.
-        part; begins: a batch begins with the next entry; targets; inside, drops: batches of each
-            half inside a cascade, and how many of these are dropped (for proofs).
+    Members:
+        i: in, stream of {entry, to}: entries of batches (`batch_record`) and their target
+        o: out, stream of {entry, to}: entries of runs (`ranked_record`) and their target
+        release: in, one bit per half: its job is over, its entries inside are dropped
+        idle: out, no entry is inside
 
-    **Timing**: that of `hdl.sorting.subsort`, with a batch inside at a time, or of
-    `hdl.sorting.cascade`, in which dropped entries go on to the end.
+    Internal:
+        part: the sub-sorter or cascade
+
+    A cascade also has `begins` (the next entry begins a batch), `targets`, `inside` (batches of
+    each half inside) and `drops` (how many of these are dropped), for proofs.
+
+    **Timing**: as `hdl.sorting.subsort`, with one batch inside at a time, or as
+    `hdl.sorting.cascade`, in which dropped entries travel to the end.
     """
 
     def __init__(self, config: Config):
@@ -69,7 +73,7 @@ class Sorter(wiring.Component):
         return m
 
     def _one_batch(self, m: Module, part: SubSorter):
-        """What is still offered by a sub-sorter goes where the batch before said."""
+        """Entries that a sub-sorter still offers go to the target of the previous batch."""
         i, o, target = self.i, self.o, Signal(target_layout(self.config))
         m.d.comb += [
             part.i.valid.eq(i.valid & ~part.o.valid),
@@ -78,14 +82,14 @@ class Sorter(wiring.Component):
             part.o.ready.eq(o.ready),
             o.payload.to.eq(target),
             self.idle.eq(part.idle),
-            # A drop is not for one that was idle: it may just be getting an entry of the next job.
+            # An idle one must not drop: it may just be getting an entry of the next job.
             part.drop.eq(self.release.bit_select(target.half, 1) & ~part.idle),
         ]
         with m.If(i.valid & i.ready):
             m.d.sync += target.eq(i.payload.to)
 
     def _batches(self, m: Module, part: Cascade):
-        """Batches leave in their order; those of a half that is released are dropped there."""
+        """Batches leave in order; batches of a released half are dropped at the output."""
         i, o = self.i, self.o
         m.submodules.targets = targets = self.targets
         begins, stale, ends = self.begins, Signal(), Signal()

@@ -1,7 +1,7 @@
-"""A sub-sorter: sorts a batch of entries by their keys, without comparing any two of them.
+"""A sub-sorter: sorts a batch of entries by their keys without comparing any two of them.
 
-Keys are looked at digit by digit, most significant first. For every value of a digit an OR-tree
-over all entries finds out if a candidate has it; a candidate stays if none has a smaller one.
+Keys are examined digit by digit, most significant first. For every value of a digit an OR-tree over
+all entries finds whether a candidate has it; a candidate stays if no other has a smaller one.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from splatcore.spec.sort import batch_record, phases, ranked_record
 
 
 def tree(operator: Callable, values: Sequence[Value]) -> Value:
-    """Values joined pair by pair."""
+    """Combine values in a balanced tree."""
     values = list(values)
     while len(values) > 1:
         pairs = [operator(*values[k : k + 2]) for k in range(0, len(values) - 1, 2)]
@@ -31,7 +31,7 @@ def any_of(values: Sequence[Value]) -> Value:
 
 
 def smallest(m: Module, candidates: Value, digits: list[Value], name: str) -> Value:
-    """The candidates whose digit is the smallest that a candidate has."""
+    """The candidates with the smallest digit."""
     lines = 1 << len(digits[0])
     is_digit = [Signal(len(digits), name=f"{name}_is{line}") for line in range(lines)]
     smaller = Signal(lines, name=f"{name}_smaller")
@@ -49,7 +49,7 @@ def smallest(m: Module, candidates: Value, digits: list[Value], name: str) -> Va
 
 
 def lowest(m: Module, candidates: Value) -> Value:
-    """The lowest bit that is set, `x & (~x + 1)` in prefix form."""
+    """The lowest set bit, `x & (~x + 1)` in prefix form."""
     below, step = candidates, 1
     while step < len(candidates):
         wider = Signal(len(candidates), name=f"below{step}")
@@ -59,7 +59,7 @@ def lowest(m: Module, candidates: Value) -> Value:
 
 
 def lowest_index(m: Module, candidates: Value) -> Value:
-    """The index of the lowest bit that is set, of a power of two of bits."""
+    """Index of the lowest set bit; the width is a power of two."""
     level, width = [(bit, Const(0, 0)) for bit in candidates], 0
     while len(level) > 1:
         pairs = []
@@ -75,23 +75,23 @@ def lowest_index(m: Module, candidates: Value) -> Value:
 
 
 class SubSorter(wiring.Component):
-    """Sorts batches of up to `Config.sub_sorter_entries` entries, of equal keys the first first.
+    """Sorts batches of up to `Config.sub_sorter_entries` entries, stably.
 
-    Entries go through phases (`spec.sort.phases`) in rounds of two cycles. A phase has a set of
-    entries and finds those among them with the smallest of its digits, a *cluster*; the next phase
-    takes the cluster over and looks at its digits. The last phase gives its entries one by one. A
-    phase takes a cluster over in the round in which it gives away the last entry that it has, so
-    a cluster is found while the last one is being used, and every round gives an entry.
+    Entries pass phases (`spec.sort.phases`) in rounds of two cycles. A phase has a set of entries
+    and finds the entries with the smallest value of its digits, a *cluster*; the next phase takes
+    the cluster and examines its own digits. The last phase outputs its entries one by one. A phase
+    takes a new cluster in the round in which it passes on its last entry, so a cluster is found
+    while the previous one is used, and every round outputs an entry.
 
-    Members
-        i: stream of `batch_record`; a batch is taken when the last one has gone, and given out
-            when its last entry is in.
-        o: stream of `ranked_record`.
-        drop: all entries are dropped; none is given in the next cycle.
-        idle: no entry is inside.
+    Members:
+        i: in, stream of `batch_record`; a batch is taken when the previous one has left, and output
+            when its last entry is in
+        o: out, stream of `ranked_record`
+        drop: in, all entries are dropped; none leaves in the next cycle
+        idle: out, no entry is inside
 
-    **Timing**: an entry in per cycle, out every 2 cycles whatever the keys, the first one
-    2·phases + 1 cycles after the last one went in. No multiplier; a memory of all keys.
+    **Timing**: one entry in per cycle, one out every two cycles whatever the keys, the first one
+    2·phases + 1 cycles after the last one came. No multiplier; a memory of all keys.
     """
 
     def __init__(self, config: Config):
@@ -118,7 +118,7 @@ class SubSorter(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         busy = any_of(self.full)
-        # A round is a cycle with `second` low, and then those with it high until there is room.
+        # A round is one cycle with `second` low, then cycles with it high until there is room.
         second, ends = self.second, Signal()
         m.d.comb += [ends.eq(second & (~self.o.valid | self.o.ready)), self.i.ready.eq(~busy)]
         m.d.comb += self.idle.eq(~busy & ~self.o.valid & (self.slot == 0))
@@ -153,7 +153,7 @@ class SubSorter(wiring.Component):
     def _clusters(self, m: Module) -> list[Value]:
         """The cluster that each phase finds in the second cycle.
 
-        A set stays as it is during a round, so registers between the cycles may always load.
+        A set does not change during a round, so registers between the cycles may always load.
         """
         found = []
         for p, cycles in enumerate(self.phases):
@@ -173,7 +173,7 @@ class SubSorter(wiring.Component):
         return found
 
     def _load(self, m: Module):
-        """An entry goes to the next slot."""
+        """Store an entry in the next slot."""
         push = self.i.valid & self.i.ready
         for k, key in enumerate(self.keys):
             with m.If(push & (self.slot == k)):
@@ -183,7 +183,7 @@ class SubSorter(wiring.Component):
             m.d.sync += self.full[0].eq(self.i.payload.last)
 
     def _give(self, m: Module, candidates: Value, ends: Value, last: Value):
-        """The entry is looked up; the memory keeps its answer as long as it is offered."""
+        """Look the entry up; the memory holds its answer while the entry is offered."""
         m.submodules.memory = memory = Memory(
             shape=self.config.sort_key_bits, depth=self.entries, init=[]
         )

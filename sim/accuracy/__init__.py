@@ -1,4 +1,4 @@
-"""Error by number format: of points, depth keys and rasterizing; and where all of it comes from.
+"""Error by number format: of points, depth keys and rasterizing; and the error budget of a picture.
 
 May import: spec, model, golden, hdl, sim.common, sim.eda, sim.packing.
 """

@@ -1,17 +1,16 @@
-"""Where the error of a picture comes from: part by part of packing and of the machine, and all.
+"""Error budget of a picture: the error of each part of packing and of the machine, and of all.
 
-A part's error is that of a picture in which nothing but that part is as it is in the machine.
-Parts of packing are the reference's pictures against its picture of the scene as it is, parts of
-the machine against its picture of the packed model; pictures are not rounded to 8 bits but where
-that is the part:
+A part's error is the error of a picture in which only that part is inexact. Parts of packing are
+measured against the reference's picture of the scene as trained, parts of the machine against its
+picture of the packed model. Only the part "8 bits" is rounded to 8 bits:
 
-    positions … degree 3   the scene with that part of its Gaussians as it is packed
+    positions … degree 3   the scene with that part of its Gaussians packed
     arithmetic             golden's splats of stages 0 and 1, blended in float64 in exact order
     depth keys             exact splats in the order of golden's keys
-    too faint              exact splats, but for what the machine's rule leaves out
-    raster                 exact splats through golden's stage 3 without that rule, its sums as
-                           they are
-    8 bits                 the exact picture rounded
+    too faint              exact splats without those that the machine's faintness rule drops
+    raster                 exact splats through golden's stage 3, without that rule and with
+                           unrounded sums
+    8 bits                 the exact picture, rounded
 """
 
 from collections.abc import Iterator
@@ -36,7 +35,7 @@ from splatcore.sim.common.plot import legend_below, side_by_side
 from splatcore.sim.common.source import View, check_fits
 from splatcore.sim.common.table import new_table, shown
 from splatcore.sim.packing.budget import part_by_part
-from splatcore.sim.packing.choose import Tell, packed
+from splatcore.sim.packing.choose import Progress, packed
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
@@ -45,7 +44,7 @@ from splatcore.spec.raster import faint_rule
 from splatcore.spec.scene import Gaussians
 
 WHOLES = ("packing", "machine", "scene")
-"""What parts belong to, and what all of them together are."""
+"""Groups of parts; "scene" is everything together."""
 
 SUM = "sum of the parts"
 
@@ -53,35 +52,38 @@ TITLES = {"packing": "all of packing", "machine": "all of the machine", "scene":
 
 
 def budgets(config: Config, views: dict[str, View]) -> list[dict]:
-    """`budget` of each view."""
+    """Measure the `budget` of each view."""
     rows = []
     for name, view in views.items():
         with progress_bar(name) as advance:
 
-            def tell(what: str, name: str = name, advance=advance):
-                advance(0, None, f"{name}: {what}")
+            def progress(step: str, name: str = name, advance=advance):
+                advance(0, None, f"{name}: {step}")
 
-            rows.append(budget(config, view, tell))
+            rows.append(budget(config, view, progress))
     return rows
 
 
-def budget(config: Config, view: View, tell: Tell = str) -> dict:
-    """The view, how its scene is packed, its errors as everywhere (8-bit pictures), and in `parts`
-    rows of `error`; InputError for what is no scene."""
+def budget(config: Config, view: View, progress: Progress = str) -> dict:
+    """Measure a view's error budget.
+
+    Returns the view, the packing of its scene, the errors of its 8-bit pictures, and rows of
+    `error` in `parts`. Raises InputError for a packed model.
+    """
     source, camera = view.open()
     original = source.unpacked
     check_fits(config, camera.width, camera.height)
-    tell("packing")
+    progress("packing")
     found = packed(source, config, camera, view.quality)
-    tell("golden model")
+    progress("golden model")
     frame, model = render(config, found.model, camera), found.model
     scene, whole = exact_picture(source.gaussians, camera), Reference(model, camera)
     rows = []
     for name, gaussians in part_by_part(original, model):
-        tell(name)
+        progress(name)
         rows.append(error(name, "packing", exact_picture(gaussians, camera), scene))
     for name, image in machine_parts(config, whole, frame.points):
-        tell(name)
+        progress(name)
         rows.append(error(name, "machine", image, whole.image))
     sums = [in_sum([row for row in rows if of in (row["of"], "scene")], of) for of in WHOLES]
     pixels = frame.pixels / LEVELS
@@ -98,14 +100,14 @@ def budget(config: Config, view: View, tell: Tell = str) -> dict:
 
 
 def exact_picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
-    """The reference's picture [H, W, 3], 0 … 1, not rounded."""
+    """Render the reference's picture [H, W, 3], 0 … 1, unrounded."""
     return render_reference(gaussians, camera).image.clip(0, 1)
 
 
 def machine_parts(
     config: Config, exact: Reference, points: Points
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Names of the machine's parts, and pictures [H, W, 3], 0 … 1, with that part alone."""
+    """Yield each part of the machine and a picture [H, W, 3], 0 … 1, with only its error."""
     model, camera = exact.model, exact.camera
     splats = drawn_splats(fields_of(config, model, points), points)[0]
     order = np.lexsort((splats.index, exact.depth[splats.index]))
@@ -119,8 +121,10 @@ def machine_parts(
 
 
 def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
-    """Golden's depth keys [M] of the exact splats; for one that golden does not project a key
-    between those of its neighbours in depth."""
+    """Golden's depth keys [M] of the exact splats.
+
+    A splat that golden does not project gets a key interpolated from its neighbours in depth.
+    """
     if not len(points.index):
         return exact.splats.depth
     found = keys(config, splat_codes(config, points.projected)).astype(np.float64)
@@ -130,7 +134,7 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
 
 
 def raster_picture(config: Config, exact: Reference) -> np.ndarray:
-    """Stage 3's sums of exact splats, 0 … 1, nothing left out as too faint."""
+    """Stage 3's unrounded sums of exact splats, 0 … 1, without the faintness rule."""
     config = replace(config, faint=())
     size = exact.camera.width, exact.camera.height
     entries = entries_of(config, exact.splats, exact.camera)
@@ -140,7 +144,7 @@ def raster_picture(config: Config, exact: Reference) -> np.ndarray:
 
 
 def error(part: str, of: str, image: np.ndarray, truth: np.ndarray) -> dict:
-    """A part's squared error, dB and largest error of a channel. of: one of `WHOLES`."""
+    """A part's squared error, dB and largest error per channel. of: one of `WHOLES`."""
     square, largest = float(np.mean((image - truth) ** 2)), float(np.abs(image - truth).max())
     return row(part, of, square, largest)
 
@@ -152,19 +156,19 @@ def row(part: str, of: str, square: float, largest: float | None) -> dict:
 
 
 def in_sum(rows: list[dict], of: str) -> dict:
-    """The line of some parts together, as if their errors had nothing to do with each other."""
+    """The row of several parts together, with their errors taken as independent."""
     return row(SUM, of, sum(each["square"] for each in rows), None)
 
 
 def with_shares(rows: list[dict]) -> list[dict]:
-    """The rows with shares of everything's squared error instead of their own; None without any."""
+    """Replace squared errors by shares of the whole squared error; None if that is 0."""
     whole = next(each["square"] for each in rows if each["part"] == TITLES["scene"])
     shares = [{"share": each.pop("square") / whole if whole else None} for each in rows]
     return [each | share for each, share in zip(rows, shares, strict=True)]
 
 
 def budget_table(found: dict) -> Table:
-    """A view's parts and wholes, those of packing, of the machine and of both apart."""
+    """Table of a view's parts and wholes, in sections: packing, machine, both."""
     title = f"{found['scene']} {found['camera']}, packed as {found['quality']}"
     table = new_table("part", ("dB alone", "largest error, of 255", "share, %"), title)
     of = WHOLES[0]
@@ -180,20 +184,20 @@ def budget_table(found: dict) -> Table:
 
 
 def budget_line(found: dict) -> str:
-    """A view's errors as other commands tell them."""
+    """A view's errors between 8-bit pictures, as other commands print them."""
     whole = (f"{of} {shown(found[f'psnr_db_{of}'], '.2f', none='∞')}" for of in WHOLES)
     return f"8-bit pictures of both, dB: {', '.join(whole)}"
 
 
 def write_budget_plot(path: str | Path, rows: list[dict]):
-    """RMS errors of all parts and of the wholes, for each view."""
+    """Plot RMS errors of all parts and wholes, for each view."""
     figure = Figure((9, 2 + 0.12 * len(rows) * len(rows[0]["parts"])), 150, layout="constrained")
     draw_budget(figure, rows)
     write_figure(path, figure)
 
 
 def draw_budget(figure: Figure, rows: list[dict]):
-    """Bars of RMS errors in steps of 8-bit pictures, on a logarithmic axis."""
+    """Draw bars of RMS errors, in steps of 1/255, on a logarithmic axis."""
     axes = figure.subplots()
     labels = dict.fromkeys(each["part"] for found in rows for each in found["parts"])
     labels = [label for label in labels if label != SUM]
@@ -206,7 +210,7 @@ def draw_budget(figure: Figure, rows: list[dict]):
     side_by_side(axes, labels, {f"{r['scene'].split('.')[0]} {r['camera']}": rms(r) for r in rows})
     axes.set_xscale("log")
     axes.set_xlabel(
-        "RMS error of pictures, steps of 1/255\n"
-        "(parts of packing against the scene, of the machine against the packed model)"
+        "RMS error of pictures, steps of 1/255, logarithmic\n"
+        "(packing: against the scene as trained; machine: against the same packed model)"
     )
     legend_below(figure, axes, 3)

@@ -18,12 +18,12 @@ DOTS_PER_INCH = 150
 THIN = (":", "--", "-.")  # lines of hard cases, in turn
 HOLLOW = {"markersize": 4, "markerfacecolor": "none", "markeredgewidth": 0.8}
 
-WIDTH = 0.8  # of a field's place, that the machines' points share
+WIDTH = 0.8  # of a field's place, shared by the machines' points
 
-LOW = "$\\downarrow$"  # in place of a marker, below what is drawn
+LOW = "$\\downarrow$"  # marker of a value below the plot's floor
 
 FLOOR = 1e-10
-"""Least error that is drawn as large as it is: what is below comes from float64, no format."""
+"""Smallest error that is drawn to scale: smaller ones come from float64, not from a format."""
 
 
 def write_error_plot(
@@ -32,7 +32,7 @@ def write_error_plot(
     largest: dict[str, dict],
     machines: tuple[Config, ...],
 ):
-    """PSNR of each scene's picture (left) and largest RMS of each field (right, logarithmic)."""
+    """Plot PSNR of each scene's picture (left) and largest RMS of each field (right)."""
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_pictures(left, results, machines)
@@ -42,7 +42,7 @@ def write_error_plot(
 
 
 def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config, ...]):
-    """A line for each scene over the machines, hard cases thin; exact pictures have no point."""
+    """Draw one line per scene over the machines, hard cases thin; exact pictures have no point."""
     places = range(len(machines))
     scenes = hard = 0
     for name, facts in results.items():
@@ -60,16 +60,16 @@ def _draw_pictures(axes: Axes, results: dict[str, dict], machines: tuple[Config,
         axes.plot(places, values, color=colour, label=name, **style)
     axes.set_xticks(places, list(map(heading, machines)))
     axes.set_xlabel("machine: exponent/fraction bits of stages 0 and 1")
-    axes.set_ylabel("PSNR of the picture, machine, dB")
+    axes.set_ylabel("PSNR of the picture against the same packed model, dB")
     axes.set_title("Pictures" + ("; hard cases thin" if hard and scenes else ""))
     axes.grid(alpha=0.3)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
 
 def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ...]):
-    """Errors by field, machines beside each other: scenes full, hard cases hollow.
+    """Draw errors by field, the machines side by side: scenes filled, hard cases hollow.
 
-    Errors below `FLOOR` are arrows on it; no error at all has no point.
+    Errors below `FLOOR` are arrows on it; an exact field has no point.
     """
     fields = list(next(iter(next(iter(largest.values())).values())))
     both, count, low = len(largest) > 1, len(machines) * len(largest), False
@@ -91,9 +91,9 @@ def draw_fields(axes: Axes, largest: dict[str, dict], machines: tuple[Config, ..
     names = [field.replace("_", " ") for field in fields]
     axes.set_xticks(range(len(fields)), names, rotation=40, ha="right")
     axes.set_yscale("log")
-    axes.set_ylabel("RMS error: pixels for u and v, full scale for colour, else relative")
+    axes.set_ylabel("RMS error: u and v in pixels, colour of full scale, others relative")
     axes.set_title(
-        "Fields, largest RMS"
+        "Fields, largest RMS of all scenes"
         + ("; hard cases hollow" if both else "")
         + (f"; arrows: below {FLOOR:.0e}" if low else "")
     )

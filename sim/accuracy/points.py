@@ -1,7 +1,7 @@
-"""Errors of the numbers of stages 0 and 1, and of the picture that they make.
+"""Errors of the numbers of stages 0 and 1, and of a picture made of them.
 
-The golden model of both stages against the float64 reference on the same packed model. The picture
-is blended by the reference from golden's splats: nothing but the points' errors is in it.
+Compares the golden model of both stages with the float64 reference on the same packed model. The
+reference blends the picture from golden's splats, so it contains only the errors of these stages.
 """
 
 import time
@@ -33,21 +33,26 @@ SMALL_EXPONENT = 5
 """Exponents of at most this many bits have FP16's rules and PAPER's unit of the screen."""
 
 Fields = dict[str, np.ndarray]
-"""Values [M] by name: u, v, half_width, half_height in pixels, depth in scene units, conic_a and
-conic_c in 1/pixel², shear, red, green, blue."""
+"""Arrays [M] by name.
 
-Tell = Callable[[str], None]  # called with the name of the step that begins
+u, v, half_width, half_height: pixels
+depth: scene units
+conic_a, conic_c: 1/pixel²
+shear, red, green, blue: no unit
+"""
+
+Progress = Callable[[str], None]  # called with the name of the step that begins
 
 
 def with_width(text: str, config: Config = DEFAULT) -> Config:
-    """A machine whose stages 0 and 1 compute with "exponent/fraction" bits."""
+    """Return a machine whose stages 0 and 1 compute with `text` = "exponent/fraction" bits."""
     try:
         exponent, fraction = map(int, text.split("/"))
         if not (4 <= exponent <= 10 and 3 <= fraction <= 23):
             raise ValueError
     except ValueError:
         raise InputError(
-            f"--width '{text}': is not EXPONENT/FRACTION bits, like 7/16, of 4 … 10 and 3 … 23"
+            f"--width '{text}': is not EXPONENT/FRACTION bits, like 7/16 (4 … 10 and 3 … 23)"
         ) from None
     small = exponent <= SMALL_EXPONENT
     rules = {"subnormal": small, "overflow": "infinity" if small else "saturate"}
@@ -63,12 +68,12 @@ MACHINES = (PAPER, *map(with_width, ("5/10", "7/10", "7/13")), DEFAULT, with_wid
 
 
 def width_of(config: Config) -> str:
-    """ "exponent/fraction" bits of a machine's stages 0 and 1."""
+    """Number format of a machine's stages 0 and 1 as "exponent/fraction" bits."""
     return f"{config.arithmetic.exponent}/{config.arithmetic.fraction}"
 
 
 def heading(config: Config) -> str:
-    """A machine's name over its width, if the name does not say it."""
+    """A machine's name, with its width below unless the name is the width."""
     return config.name if config.name == width_of(config) else f"{config.name}\n{width_of(config)}"
 
 
@@ -94,7 +99,7 @@ class Reference:
 
     @property
     def axis_ratio(self) -> float | None:
-        """Largest ratio of a visible Gaussian's axes; None if infinite, 0 without any."""
+        """Largest ratio of a visible Gaussian's axes; None if infinite, 0 if none is visible."""
         factor = self.model.factor[self.splats.index]
         axes = np.linalg.svd(factor, compute_uv=False)  # [M, 3], largest first
         volume = np.abs(np.diagonal(factor, axis1=1, axis2=2).prod(axis=1))  # of all three, exact
@@ -104,7 +109,7 @@ class Reference:
 
     @property
     def screen_ratio(self) -> float:
-        """Largest ratio of the axes of a splat on the screen, blur included; 0 without any."""
+        """Largest ratio of a splat's axes on the screen, blur included; 0 without splats."""
         xx, xy, yy = self.splats.covariance.T
         mean, half = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
         a, b, c = self.splats.conic.T  # its determinant has lost no digits to cancellation
@@ -113,7 +118,7 @@ class Reference:
 
 
 def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
-    """Stage 1's results for each projected Gaussian; not all of them need be finite."""
+    """Stage 1's results for each projected Gaussian; some may be infinite or NaN."""
     value, pixel = points.projected, 2.0**config.screen_exponent
     across, shear = value["across"], value["shear"]
     flat = config.colours == "array" and not model.format.sh_degree
@@ -134,7 +139,7 @@ def fields_of(config: Config, model: PackedModel, points: Points) -> Fields:
 
 
 def fields_of_splats(splats: Splats) -> Fields:
-    """The same of the reference's splats."""
+    """The fields of the reference's splats."""
     a, b, c = splats.conic.T
     names = ("u", "v", "depth", "conic_a", "shear", "conic_c", "half_width", "half_height")
     arrays = (*splats.centre.T, splats.depth, a, -b / a, c, *splats.extent.T)
@@ -142,9 +147,9 @@ def fields_of_splats(splats: Splats) -> Fields:
 
 
 def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
-    """Stage 1's splats [M] in depth order, as the reference's rasterizer wants them.
+    """Convert stage 1's results into splats [M] in depth order for the reference's rasterizer.
 
-    The rasterizer takes of a covariance only what bounds the splat: it is set so that the bounds
+    The rasterizer uses a covariance only to bound the splat, so it is set such that the bounds
     are the half-widths of the fields.
     """
     reach = 2 * np.log(255 * opacity)
@@ -159,7 +164,7 @@ def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
 
 
 def picture(splats: Splats, camera: Camera, convention: Convention = SPLATCORE) -> np.ndarray:
-    """The reference rasterizer's image [H, W, 3] of splats in depth order, clipped to 0 … 1."""
+    """Rasterize splats in depth order by the reference: image [H, W, 3], clipped to 0 … 1."""
     lists = tile_lists(splats, camera, convention)
     return np.clip(rasterize(lists, splats, camera.width, camera.height, convention)[0], 0, 1)
 
@@ -167,8 +172,8 @@ def picture(splats: Splats, camera: Camera, convention: Convention = SPLATCORE) 
 def field_errors(found: Fields, exact: Fields) -> Fields:
     """Errors [M] of stage 1's fields.
 
-    Pixels for u and v; of the rest the error relative to the exact value, of shear (xy over yy)
-    relative to √(xx / yy), of colours in units of full scale.
+    u and v in pixels, colours of full scale, shear (xy over yy) relative to √(xx / yy), all others
+    relative to the exact value.
     """
     errors = {name: found[name] - exact[name] for name in ("u", "v")}
     names = ("depth", "conic_a", "shear", "conic_c", "half_width", "half_height")
@@ -180,15 +185,17 @@ def field_errors(found: Fields, exact: Fields) -> Fields:
 
 
 def sizes(error: np.ndarray) -> dict[str, float | None]:
-    """RMS and largest size of errors; None without any."""
+    """RMS and largest magnitude of errors; None without errors."""
     if not len(error):
         return {"rms": None, "max": None}
     return {"rms": float(np.sqrt(np.mean(error**2))), "max": float(np.abs(error).max())}
 
 
 def drawn_splats(fields: Fields, points: Points) -> tuple[Splats, np.ndarray, np.ndarray]:
-    """The splats that can be drawn, in order of their depths; which of all are finite [M], and
-    which have a positive definite conic [M]."""
+    """Drawable splats in depth order; masks [M] of the finite ones and of the positive definite.
+
+    A splat can be drawn if it is finite and its conic is positive definite.
+    """
     finite = np.all([np.isfinite(values) for values in fields.values()], axis=0)
     positive = (points.projected["across"] > 0) & (points.projected["along"] > 0)
     drawn = np.flatnonzero(finite & positive)
@@ -198,10 +205,12 @@ def drawn_splats(fields: Fields, points: Points) -> tuple[Splats, np.ndarray, np
 
 
 def measure(config: Config, exact: Reference, whole: Reference) -> dict:
-    """A machine's errors by field, its picture's, and how many Gaussians went where.
+    """Measure a machine: errors by field, error of the picture, counts of Gaussians.
 
-    `exact` is the reference on the machine's model, `whole` the one on the scene as packed for
-    DEFAULT. Splats that are not finite or not positive definite are left out of the picture.
+    exact: the reference on the machine's packed model
+    whole: the reference on the scene as packed for DEFAULT
+
+    Splats that are not finite or not positive definite are left out of the picture.
     """
     model, camera = exact.model, exact.camera
     points = project_points(config, model, camera)
@@ -209,7 +218,7 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     splats, finite, positive = drawn_splats(fields, points)
 
     true, depth = exact.depth[points.points], points.culled["z"]
-    front = (true > camera.near) & np.isfinite(depth)  # of what stage 0 reads
+    front = (true > camera.near) & np.isfinite(depth)  # of the Gaussians that stage 0 reads
     stage_0 = {"depth_stage_0": depth[front] / true[front] - 1}
     _, a, b = np.intersect1d(index, exact.splats.index, return_indices=True)
     a, b = a[finite[a]], b[finite[a]]
@@ -232,12 +241,12 @@ def measure(config: Config, exact: Reference, whole: Reference) -> dict:
     }
 
 
-def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:
-    """Errors of all machines on a scene, which is packed once for each way to pack it.
+def measure_view(view: View, machines: tuple[Config, ...], progress: Progress) -> dict:
+    """Measure all machines on a scene, which is packed once per packed format.
 
-    Machines that do not compensate opacities are measured on the scene without its mark.
+    Machines that do not compensate opacities get the scene without its `antialiased` mark.
     """
-    tell("packing")
+    progress("packing")
     begin = time.perf_counter()
     source, camera = view.open()
     sources, references = {True: source, False: source}, {}
@@ -260,7 +269,7 @@ def measure_view(view: View, machines: tuple[Config, ...], tell: Tell) -> dict:
     }
     facts["machines"] = results = {}
     for config in machines:
-        tell(config.name)
+        progress(config.name)
         same = config.compensates
         results[config.name] = measure(config, reference(config, same), reference(DEFAULT, same))
     return facts | {"seconds": round(time.perf_counter() - begin, 1)}

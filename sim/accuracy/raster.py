@@ -1,4 +1,4 @@
-"""Stage 3's formats swept: error of its pictures on exact inputs against the gates of a lane."""
+"""Sweep of stage 3's number formats: error on exact inputs against gates per lane."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,25 +25,28 @@ from splatcore.spec.raster import block_count
 EXACT_TITLE = "8-bit pictures on exact inputs, against the float64 reference"
 
 SWEEP = {field: format.tried for field, format in FORMATS.items()}
-"""Each format of stage 3, and values beside DEFAULT's."""
+"""Formats of stage 3, each with the values to try in addition to DEFAULT's."""
 
 
 def machines() -> dict[str, Config]:
-    """DEFAULT, and DEFAULT with one field changed."""
+    """DEFAULT and its variants with one field changed, by name."""
     changes = [(field, value) for field, values in SWEEP.items() for value in values]
     changed = {f"{name} {value}": replace(DEFAULT, **{name: value}) for name, value in changes}
     return {"DEFAULT": DEFAULT} | changed
 
 
 def lane_gates(config: Config) -> float:
-    """NAND2-equivalents of a lane: what a second lane adds to blending, and its share of E."""
+    """NAND2-equivalents per lane: the increment of a second blending lane and its share of E."""
     one, two = (area(Blend(config, block_count(config), lanes)) for lanes in (1, 2))
     return two - one + area(Evaluate(config, 0)) / BLOCK**2
 
 
 def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
-    """Exact splats of what a packed model keeps, their sorted entries (formats change nothing in
-    them) and the reference's image [H, W, 3], 0 … 1."""
+    """Exact splats of a view, their sorted entries and the reference's image [H, W, 3], 0 … 1.
+
+    The splats are those of the Gaussians that a packed model keeps. No format of stage 3 changes
+    the entries.
+    """
     source, camera = view.open()
     gaussians = as_packed(source.gaussians)
     splats, _ = project(gaussians, camera)
@@ -52,8 +55,11 @@ def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
 
 
 def raster_errors(views: dict[str, View]) -> dict:
-    """Machine → {"gates", "scenes": {scene → {psnr_db_float64, max_error_float64,
-    contributions}}}."""
+    """Measure all variants on all views.
+
+    Returns {machine: {"gates", "scenes": {scene: {psnr_db_float64, max_error_float64,
+    contributions}}}}.
+    """
     found = {name: {"scenes": {}} for name in machines()}
     for title, view in views.items():
         splats, entries, image = exact_view(view)
@@ -74,10 +80,10 @@ def raster_errors(views: dict[str, View]) -> dict:
 
 
 def raster_table(found: dict) -> Table:
-    """Gates of a lane, PSNR of the pictures, and their largest error in steps of 1/255."""
+    """Table of gates per lane, PSNR of the pictures and largest error in steps of 1/255."""
     names = [Path(scene).name.split(".")[0] for scene in found["DEFAULT"]["scenes"]]
     table = new_table(
-        "stage 3", ["gates a lane", *(f"{name}\ndB, max" for name in names)], EXACT_TITLE
+        "stage 3", ["gates per lane", *(f"{name}\ndB, max" for name in names)], EXACT_TITLE
     )
     for name, facts in found.items():
         cells = [
@@ -89,7 +95,7 @@ def raster_table(found: dict) -> Table:
 
 
 def write_raster_plot(path: str | Path, found: dict):
-    """Lowest PSNR over the scenes against the gates of a lane; a line for each format."""
+    """Plot the lowest PSNR of all scenes against gates per lane, one line per format."""
     figure = Figure((9, 6), 150, layout="constrained")
     axes = figure.subplots()
 
@@ -105,8 +111,8 @@ def write_raster_plot(path: str | Path, found: dict):
         for setting, *place in zip(settings, x, y, strict=True):
             axes.annotate(str(setting), place, textcoords="offset points", xytext=(3, 3), size=7)
     axes.plot(*point("DEFAULT"), marker="*", markersize=16, color="black", linestyle="none")
-    axes.set_xlabel("NAND2-equivalents of a lane (star: DEFAULT)")
-    axes.set_ylabel("lowest PSNR over the scenes against float64, dB, 8-bit output")
+    axes.set_xlabel("NAND2-equivalents per lane (star: DEFAULT)")
+    axes.set_ylabel("lowest PSNR of all scenes against float64, dB, 8-bit output")
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
     figure.suptitle("Stage 3's formats on exact inputs, against the float64 reference")

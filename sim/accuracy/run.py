@@ -1,4 +1,4 @@
-"""The scenes that `splatcore error` measures, two at a time, in processes of their own."""
+"""Scenes that `splatcore error` measures, two at a time, each in its own process."""
 
 import os
 from collections.abc import Iterator
@@ -22,19 +22,22 @@ from splatcore.sim.common.source import SUFFIXES, View, scene_files, scene_folde
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
-PROCESSES = 2  # scenes that are measured at a time; one of half a million Gaussians takes 2 GB
+PROCESSES = 2  # scenes measured at a time; one of half a million Gaussians takes 2 GB
 
 NOT_POINTS = ("transmittance_edge", "unnormalised_quaternions", "not_finite", "empty")
-"""Hard cases of which stages 0 and 1 see nothing: they are over in packing or begin in blending."""
+"""Hard cases that do not concern stages 0 and 1: packing removes them, or they concern blending."""
 
 HARD_CASES = tuple(name for name in HARD if name not in (*NOT_POINTS, *ANTIALIASED))
-"""Those that machines of all number widths can render."""
+"""Hard cases that machines of all number widths can render."""
 
 
 def named(
     sources: list[str], camera: str | None, size: str | None, reading: Reading = AS_STATED
 ) -> dict[str, View]:
-    """The scenes that the command line names, each once; InputError for what cannot be opened."""
+    """Views of the scenes on the command line, without duplicates.
+
+    Raises InputError for a file that cannot be opened.
+    """
     check_view(camera, size)
     for source in sources:
         if source not in GENERATORS or os.path.exists(source):
@@ -46,8 +49,10 @@ def named(
 def everything(
     folder: str | None, camera: str | None, size: str | None, reading: Reading = AS_STATED
 ) -> dict[str, View]:
-    """Every scene of a folder, else the garden; and the hard cases that concern points; by name.
-    The override of the mark is for the scenes."""
+    """All scenes of a folder, else the garden, and the hard cases of stages 0 and 1, by name.
+
+    reading: applies to the scenes, not to the hard cases
+    """
     if camera:
         raise InputError("--camera: goes with a SCENE only")
     check_view(None, size)
@@ -58,47 +63,47 @@ def everything(
             raise InputError(f"--scenes {place}: holds no scene ({', '.join(SUFFIXES)})")
         views = {path.name: View(str(path), size=size, reading=reading) for path in paths}
     elif folder:
-        raise InputError(f"--scenes {folder}: there is no such folder")
+        raise InputError(f"--scenes {folder}: no such folder")
     else:
-        messages.print(f"no folder {place}: the generated garden stands in", soft_wrap=True)
+        messages.print(f"no folder {place}: using the generated garden instead", soft_wrap=True)
         views = {"garden": View("garden", size=size, reading=reading)}
     return views | {name: View(name) for name in HARD_CASES}
 
 
 def check_view(camera: str | None, size: str | None):
-    """InputError for options that no scene could be seen with."""
+    """Raise InputError for a size or a camera file that cannot be used."""
     shape = shape_of(size)
     if camera:
         read_camera(camera, shape)
 
 
 def measured(views: dict[str, View], machines: tuple[Config, ...]) -> Iterator[tuple[str, dict]]:
-    """Names of views and what `measure_view` says of them, as they become ready."""
+    """Yield each view's name and its result of `measure_view`, in order of completion."""
     total = len(views) * (len(machines) + 1)
     doing, begun = {}, 0
     with progress_bar("measuring", total) as advance:
 
-        def tell(name: str, what: str):
+        def progress(name: str, step: str):
             nonlocal begun
-            doing[name] = what
-            label = ", ".join(f"{name}: {what}" for name, what in doing.items())
+            doing[name] = step
+            label = ", ".join(f"{name}: {step}" for name, step in doing.items())
             advance(begun, total, label)
             begun += 1
 
         ready = in_processes if len(views) > 1 else in_turn
-        for name, facts in ready(views, machines, tell):
+        for name, facts in ready(views, machines, progress):
             del doing[name]
             yield name, facts
 
 
-def in_turn(views, machines, tell) -> Iterator[tuple[str, dict]]:
-    """Measures in this process."""
+def in_turn(views, machines, progress) -> Iterator[tuple[str, dict]]:
+    """Measure the views one after the other in this process."""
     for name, view in views.items():
-        yield name, measure_view(view, machines, partial(tell, name))
+        yield name, measure_view(view, machines, partial(progress, name))
 
 
-def in_processes(views, machines, tell) -> Iterator[tuple[str, dict]]:
-    """Measures in processes of their own, which a failure or an interrupt ends."""
+def in_processes(views, machines, progress) -> Iterator[tuple[str, dict]]:
+    """Measure the views in worker processes, which a failure or an interrupt ends."""
     news = CONTEXT.Queue()
     try:
         with processes(PROCESSES, news) as pool:
@@ -106,7 +111,7 @@ def in_processes(views, machines, tell) -> Iterator[tuple[str, dict]]:
                 pool.submit(with_notes, measure_view, view, machines, partial(send, name)): name
                 for name, view in views.items()
             }
-            for name, future in as_done(waiting, news, tell):
+            for name, future in as_done(waiting, news, progress):
                 facts, lines = future.result()
                 notes.tell(*lines)
                 yield name, facts

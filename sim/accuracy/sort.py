@@ -1,4 +1,4 @@
-"""Depth keys of fewer bits: error of the pictures that their order makes, on exact inputs."""
+"""Narrower depth keys: error of pictures in the order of these keys, on exact inputs."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,22 +19,25 @@ from splatcore.sim.common.source import View
 from splatcore.sim.common.table import new_table, shown
 from splatcore.spec.config import DEFAULT
 
-FRACTIONS = (10, 12, 14, 16, 18, 20)  # fraction bits of depths whose whole codes are keys
-REBASED = (15, 18)  # bits of keys that begin with the nearest entry of each group
-WINDOWED = 16  # fraction bits of the codes that such keys are windows of
-FRAME_BITS = 15  # bits of keys that begin with the nearest splat of the frame
+FRACTIONS = (10, 12, 14, 16, 18, 20)  # fraction bits of depths whose full codes are the keys
+REBASED = (15, 18)  # bits of keys relative to the nearest entry of each group
+WINDOWED = 16  # fraction bits of the depth codes that relative keys are taken from
+FRAME_BITS = 15  # bits of keys relative to the nearest splat of the frame
 
 Keys = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Keys [N] of entries from depths [M] of all splats, the entries' splats [N] and groups [N]."""
+"""(depths of all splats [M], the entries' splats [N], their groups [N]) → keys of entries [N]."""
 
 
 def depth_codes(depth: np.ndarray, fraction: int = WINDOWED) -> np.ndarray:
-    """Codes of depths as floats of so many fraction bits: they rise with the depths."""
+    """Encode depths as floats with `fraction` fraction bits; codes rise with depth."""
     return replace(DEFAULT.depth, fraction=fraction).encode(depth).astype(np.int64)
 
 
 def window(codes: np.ndarray, part: np.ndarray, bits: int) -> np.ndarray:
-    """Codes [N] less the least of their part [N], shifted right until all of the part fit."""
+    """Codes [N] minus the minimum of their part, shifted right until the part fits `bits` bits.
+
+    part: [N] sorted, number of the part that each code belongs to
+    """
     starts = np.flatnonzero(np.diff(part, prepend=-1))
     counts = np.diff(starts, append=len(codes))
     steps = codes - np.repeat(np.minimum.reduceat(codes, starts), counts)
@@ -43,17 +46,17 @@ def window(codes: np.ndarray, part: np.ndarray, bits: int) -> np.ndarray:
 
 
 def whole(fraction: int) -> Keys:
-    """The codes of depths of so many fraction bits."""
+    """Keys that are full codes with `fraction` fraction bits."""
     return lambda depth, splat, group: depth_codes(depth, fraction)[splat]
 
 
 def rebased(bits: int) -> Keys:
-    """A window of the codes for each group."""
+    """Keys of `bits` bits relative to the nearest entry of each group."""
     return lambda depth, splat, group: window(depth_codes(depth)[splat], group, bits)
 
 
 def of_the_frame(bits: int) -> Keys:
-    """A window of the codes for all groups."""
+    """Keys of `bits` bits relative to the nearest splat of the frame."""
     return lambda depth, splat, group: window(depth_codes(depth), np.zeros_like(depth), bits)[splat]
 
 
@@ -65,13 +68,13 @@ WAYS: dict[str, Keys] = (
     | {f"{bits} bits, by group": rebased(bits) for bits in REBASED}
     | {f"{FRAME_BITS} bits, by frame": of_the_frame(FRAME_BITS)}
 )
-"""Ways to make keys."""
+"""Ways to make keys, by name."""
 
 
 def reordered(keys: Keys, splats: Splats, entries: Entries) -> tuple[Entries, float]:
-    """Entries in the order of keys; the share of neighbours that changed places.
+    """Sort entries by keys; return them and the share of neighbours that changed places.
 
-    Entries of equal keys stay in the order of their Gaussians, as they come to the sorter.
+    Entries with equal keys stay in the order of their Gaussians, in which they reach the sorter.
     """
     group = np.repeat(np.arange(len(entries.start) - 1), np.diff(entries.start))
     splat = entries.splat.astype(np.int64)
@@ -79,13 +82,16 @@ def reordered(keys: Keys, splats: Splats, entries: Entries) -> tuple[Entries, fl
     order = np.lexsort((splats.index[splat], key, group))
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    changed = (place[1:] < place[:-1]).sum()  # never where a group ends: groups stay in order
+    changed = (place[1:] < place[:-1]).sum()  # never across groups, which stay in order
     share = float(changed / max((group[1:] == group[:-1]).sum(), 1))
     return Entries(entries.start, entries.splat[order], entries.mask[order]), share
 
 
 def sort_errors(views: dict[str, View]) -> dict:
-    """Way → {"scenes": {scene → {psnr_db_float64, max_error_float64, changed_places}}}."""
+    """Measure all `WAYS` on all views.
+
+    Returns {way: {"scenes": {scene: {psnr_db_float64, max_error_float64, changed_places}}}}.
+    """
     found = {name: {"scenes": {}} for name in WAYS}
     total = len(views) * len(WAYS)
     with progress_bar("ordering", total) as advance:
@@ -105,7 +111,7 @@ def sort_errors(views: dict[str, View]) -> dict:
 
 
 def sort_table(found: dict) -> Table:
-    """PSNR of the 8-bit pictures, largest error in steps of 1/255, neighbours that changed."""
+    """Table of PSNR of 8-bit pictures, largest error in steps of 1/255 and changed neighbours."""
     scenes = found[EXACT_ORDER]["scenes"]
     table = new_table("keys", [f"{scene}\ndB, max, changed" for scene in scenes], EXACT_TITLE)
     for name, facts in found.items():
@@ -119,7 +125,7 @@ def sort_table(found: dict) -> Table:
 
 
 def write_sort_plot(path: str | Path, found: dict):
-    """Plot PSNR lost against the exact order, and changed neighbours, by way to make keys."""
+    """Plot the PSNR lost against the exact order and the changed neighbours, for each way."""
     figure = Figure((13, 5.5), 150, layout="constrained")
     axes = figure.subplots(1, 2)
     exact = found[EXACT_ORDER]["scenes"]
@@ -130,7 +136,7 @@ def write_sort_plot(path: str | Path, found: dict):
             (exact[scene]["psnr_db_float64"] or np.nan) - (result["psnr_db_float64"] or np.nan)
             for result in results
         ]
-        shares = [result["changed_places"] or np.nan for result in results]  # none: no point
+        shares = [result["changed_places"] or np.nan for result in results]  # 0: no point
         for part, values in zip(axes, (lost, shares), strict=True):
             part.plot(names, values, marker="o", color=f"C{number % 10}", label=scene)
     axes[0].set_title("PSNR lost against the exact order, dB, 8-bit output")

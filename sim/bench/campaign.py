@@ -1,9 +1,8 @@
-"""Many independent measurements: on all cores here, or on a cluster, each result kept at once.
+"""Many independent measurements, on all local cores or on a cluster; each result is saved at once.
 
-A task is a function with arguments; what it returns is kept as a file of its own under a key that
-stands for all that decides on it. A campaign that is begun again does only what is missing. A
-worker that is lost takes no result with it: its tasks are done again, and one that loses its
-worker twice is given up, named.
+A task is a function with arguments. Its result is a file, stored with a key of everything that the
+result depends on. A restarted campaign runs only the missing tasks. If a worker dies, its tasks
+run again; a task that loses its worker twice is reported as a failure.
 """
 
 import json
@@ -22,13 +21,16 @@ from splatcore.sim.common.pool import as_done, processes
 from splatcore.sim.common.sources import code_key
 from splatcore.spec.error import InputError
 
-TRIES = 2  # workers that a task may lose before it is given up
+TRIES = 2  # workers that a task may lose before it counts as failed
 
 
 @dataclass(frozen=True)
 class Task:
-    """`function(*arguments)` → a dict for a JSON file. name: of that file and in messages; `about`
-    stands, with the function's code and all that it imports, for all that decides on the result."""
+    """A call `function(*arguments)` that returns a dict for a JSON file.
+
+    name: of the file, and in messages
+    about: key of the result, in addition to the code of the function and of all that it imports
+    """
 
     name: str
     about: str
@@ -42,7 +44,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Failure:
-    """A task that came to nothing, and why."""
+    """A failed task: its name and the reason."""
 
     what: str
     why: str
@@ -51,10 +53,11 @@ class Failure:
 def results(
     tasks: list[Task], folder: Path, scheduler: str | None, label: str
 ) -> Iterator[tuple[Task, dict | Failure]]:
-    """The result or failure of each task, those first that are in the folder already.
+    """Yield each task with its result or failure, the results already in the folder first.
 
-    scheduler: address of a Dask scheduler; None: processes here. Workers need the scene files at
-    the same paths.
+    scheduler: address of a Dask scheduler; None: local processes. Workers need the scene files at
+        the same paths.
+    label: of the progress bar
     """
     folder.mkdir(parents=True, exist_ok=True)
     missing = []
@@ -82,8 +85,10 @@ def results(
 def collected(
     tasks: list[Task], folder: Path, scheduler: str | None, label: str
 ) -> tuple[dict[str, dict], list[dict[str, str]]]:
-    """Results of the tasks by name, in any order, and the failures, as results' files have them;
-    InputError if there are only failures."""
+    """Collect results by task name, in any order, and failures as dicts for the result's file.
+
+    Raises InputError if there are only failures.
+    """
     found, failed = {}, []
     for task, result in results(tasks, folder / "parts", scheduler, label):
         if isinstance(result, Failure):
@@ -91,13 +96,12 @@ def collected(
         else:
             found[task.name] = result
     if failed and not found:
-        raise InputError(f"{label}: nothing could be measured")
+        raise InputError(f"{label}: all measurements failed")
     return found, failed
 
 
 def outcome(future: Future, task: Task) -> dict | Failure:
-    """A task's result; what it raised is a failure of the task, not of the campaign. Notes of the
-    worker are told here."""
+    """A task's result, or a `Failure` if it raised an error. Prints the notes of the worker."""
     try:
         found, lines = future.result()
         notes.tell(*lines)
@@ -105,21 +109,24 @@ def outcome(future: Future, task: Task) -> dict | Failure:
     except BrokenProcessPool:
         raise
     except MemoryError:
-        return Failure(task.name, "memory exhausted")
+        return Failure(task.name, "out of memory")
     except Exception as error:
         return Failure(task.name, f"{type(error).__name__}: {error}".splitlines()[0])
 
 
 def outcomes(pool: Executor, tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
-    """Results in the order in which they come."""
+    """Run tasks in a pool and yield results in order of completion."""
     waiting = {pool.submit(with_notes, task.function, *task.arguments): task for task in tasks}
     for task, future in as_done(waiting):
         yield task, outcome(future, task)
 
 
 def in_processes(tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
-    """On all cores. If a process is lost, all others end with it: what is left is done again, and
-    the second time one by one, so that who loses it is known."""
+    """Run tasks on all local cores.
+
+    If a process dies, all others end with it. The remaining tasks run again, one by one, which
+    shows the task that kills its process.
+    """
     left = {task.name: task for task in tasks}
     for turn in range(TRIES):
         one_by_one = turn == TRIES - 1
@@ -138,13 +145,11 @@ def in_processes(tasks: list[Task]) -> Iterator[tuple[Task, dict | Failure]]:
 
 
 def on_cluster(tasks: list[Task], address: str) -> Iterator[tuple[Task, dict | Failure]]:
-    """By the workers of a Dask scheduler, which gives a lost worker's tasks to the others."""
+    """Run tasks on the workers of a Dask scheduler, which reassigns the tasks of lost workers."""
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "--scheduler: needs Dask; install it by pip install 'splatcore[cluster]'"
-        ) from None
+        raise InputError("--scheduler: needs Dask: pip install 'splatcore[cluster]'") from None
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:

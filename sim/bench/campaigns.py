@@ -1,5 +1,8 @@
-"""Campaigns over machines and scenes: `bench sweep`, speed against error and gates, and `bench
-ablation`, the gain of each of the paper's ideas; their confirmation in RTL simulation."""
+"""Campaigns over machines and scenes, with confirmation in RTL simulation.
+
+`bench sweep`: speed against error and gates. `bench ablation`: the gain of each of the paper's
+ideas.
+"""
 
 from dataclasses import replace
 from itertools import product
@@ -25,11 +28,11 @@ from splatcore.spec.error import InputError
 AXES = (
     ("frame_cycles_max", 1), ("frame_cycles_mean", 1), ("nand2", 1), ("psnr_db_machine_mean", -1),
 )  # fmt: skip
-"""Figures by which machines are compared for the front: 1 where less is better, −1 where more."""
+"""Metrics of the Pareto front: 1 if less is better, −1 if more is better."""
 
 
 def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str | None) -> dict:
-    """Measure all points on all views, and their sizes; what is there already is kept."""
+    """Measure all points on all views, and their sizes; reuse existing results."""
     machines = {point.name: point.config for point in points}
     whole = Task("size of all", repr(DEFAULT), whole_size, ())
     work = [*tasks("sweep", views, machines), whole]
@@ -51,7 +54,7 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
 
 
 def size_name(point: Point) -> str:
-    """Name of the task for a machine's size."""
+    """Name of the task that measures a machine's size."""
     return f"size {point.name}".replace("/", "-")
 
 
@@ -61,13 +64,16 @@ def whole_size() -> dict:
 
 
 def rest(found: dict[str, dict]) -> float | None:
-    """NAND2-equivalents between DEFAULT's parts; other machines are taken to have as many."""
+    """NAND2-equivalents of DEFAULT outside its parts; other machines are assumed to have as many.
+
+    None if a result is missing.
+    """
     parts, whole = found.get("size DEFAULT"), found.get("size of all")
     return whole["nand2"] - parts["nand2"] if parts and whole else None
 
 
 def machine_size(config: Config) -> dict:
-    """NAND2-equivalents of a machine's parts, each synthesised on its own, and its memories."""
+    """NAND2-equivalents of a machine's parts, each synthesised alone, and KB of its memories."""
     parts = part_gates(config, lambda _: None)
     sizes = [size for made in WHOLE.values() for make in made for size in memories(make(config))]
     kilobytes = sum(words * bits for words, bits in sizes) / 8 / KB
@@ -75,7 +81,11 @@ def machine_size(config: Config) -> dict:
 
 
 def summary(point: Point, rows: list[dict], size: dict, between: float | None) -> dict:
-    """A point over all views; an exact picture counts for no PSNR. between: gates of the rest."""
+    """Summary of a point over all views; exact pictures have no PSNR and do not count in it.
+
+    size: of `machine_size`, or empty
+    between: NAND2-equivalents of `rest`
+    """
     mine = [row for row in rows if row["point"] == point.name]
     facts = {"knob": point.knob, "value": point.value, "fields": point.fields}
     facts |= {name: size.get(name) for name in ("nand2_by_part", "memory_kb")}
@@ -97,14 +107,14 @@ def summary(point: Point, rows: list[dict], size: dict, between: float | None) -
 
 
 def front(points: dict[str, dict], axes: tuple[tuple[str, int], ...] = AXES) -> list[str]:
-    """The points that no other one beats: as good in all of `axes` and better in one."""
+    """The Pareto front: points that no other point equals in all axes and beats in one."""
     places = np.array([[point[axis] * sign for axis, sign in axes] for point in points.values()])
     beaten = (((places <= one).all(1) & (places < one).any(1)).any() for one in places)
     return [name for name, worse in zip(points, beaten, strict=True) if not worse]
 
 
 def confirm(points: list[Point], facts: dict, view: View, folder: Path):
-    """Simulate the front's machines on one view, and compare with cycle model and golden model."""
+    """Simulate the front's machines in RTL on one view; compare with cycle and golden model."""
     for point in points:
         found = facts["points"][point.name]
         if not found["front"]:
@@ -133,15 +143,16 @@ STEPS = {
     "+ nine PEs": {"pes": DEFAULT.pes},
     "+ port of 256 bits": {"port": DEFAULT.port},
 }  # fmt: skip
-"""Fields that each step changes in the one before; names as in the paper's ablation, then those of
-what is Splatcore's own.
+"""Fields that each step changes in the step before. Names as in the paper's ablation, followed by
+steps of Splatcore's own.
 
-The paper does not say what culling leaves out beside the camera's sides; we tell the two apart.
+The paper does not say whether culling includes Gaussians outside the image; near-plane culling
+and guard band are separate steps here.
 """
 
 
 def ablation_machines(config: Config) -> dict[str, Config]:
-    """The machines of all steps; the last one has all features on."""
+    """The machines of all steps; the last has all features on."""
     found, changes = {}, {}
     for name, change in STEPS.items():
         changes |= change
@@ -152,7 +163,10 @@ def ablation_machines(config: Config) -> dict[str, Config]:
 def ablation(
     config: Config, views: list[View], folder: Path, scheduler: str | None, rtl: list[View]
 ) -> dict:
-    """Measure every step on all views by golden and cycle model, and on some in RTL."""
+    """Measure every step on all views by golden and cycle model.
+
+    rtl: views that are also simulated in RTL
+    """
     steps = ablation_machines(config)
     work = tasks("ablation", views, steps)
     results, failed = collected(work, folder, scheduler, "ablation")
@@ -168,33 +182,33 @@ def ablation(
         row["step"] = row.pop("point")
         measured = simulated.get((row["step"], row["scene"], row["camera"]), (None, None))
         row["rtl_cycles"], row["rtl_identical"] = measured
-    told = [
+    described = [
         {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
         for name, change in STEPS.items()
     ]  # fmt: skip
     about = {"preset": config.name, "size": views[0].size, "quality": views[0].quality}
-    return about | {"steps": told, "rows": rows, "failed": failed}
+    return about | {"steps": described, "rows": rows, "failed": failed}
 
 
 def confirmed(
     config: Config, view: View, folder: Path, name: str, failed: list[dict[str, str]]
 ) -> dict | None:
-    """Cycles of a view's frame in RTL and by the cycle model, and if RTL equals the golden model.
+    """Simulate a view in RTL: cycles, cycles by the cycle model, equality with the golden model.
 
-    Kept in the folder until the machine's Verilog is another. What cannot be simulated (None) or is
-    wrong is added to `failed`.
+    The result is kept in the folder until the machine's Verilog changes. A view that fails in
+    simulation (returns None) or has a wrong picture is added to `failed`.
     """
-    what = f"rtl {name} {view.name}"
-    path = folder / f"{what} {view.size}.json".replace(":", "-").replace("/", "-")
+    title = f"rtl {name} {view.name}"
+    path = folder / f"{title} {view.size}.json".replace(":", "-").replace("/", "-")
     try:
         row = Simulator(config).row(view, LPDDR4, path)
         if "cycles" not in row:
             raise InputError(f"{config.name}: {row['ended']}")
     except InputError as error:
-        failed.append({"what": what, "why": str(error)})
+        failed.append({"what": title, "why": str(error)})
         return None
     if not row["identical"]:
-        failed.append({"what": what, "why": "the picture is not the golden model's"})
+        failed.append({"what": title, "why": "the picture is not the golden model's"})
     return {
         "scene": row["scene"], "camera": row["camera"], "size": row["size"],
         "cycles": row["cycles"]["frame"], "model_cycles": row["model_cycles"]["frame"],

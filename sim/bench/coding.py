@@ -1,4 +1,4 @@
-"""`splatcore bench coding`: bytes of model files, by the ways to code them (`spec.coded`)."""
+"""`splatcore bench coding`: sizes of model files by coding method (`spec.coded`)."""
 
 import lzma
 import time
@@ -16,16 +16,16 @@ from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
 
 RAW_LZMA = {"format": lzma.FORMAT_RAW, "filters": [{"id": lzma.FILTER_LZMA1, "lc": 4, "pb": 0}]}
-"""Of adaptive binary models: the high bits of the byte before choose them."""
+"""Raw LZMA; the high bits of the previous byte select its adaptive models."""
 
 
 def shorter(compress: Callable[[bytes], bytes]) -> Callable[[bytes], bytes]:
-    """Compressed bytes, or the bytes as they are where these are fewer."""
+    """Wrap a compressor to return its input if that is shorter."""
     return lambda part: min(compress(part), part, key=len)
 
 
 def ideal(part: bytes) -> bytes:
-    """As many bytes as a range coder takes that knows how frequent each byte is, and no more."""
+    """As many (zero) bytes as an ideal range coder with known byte frequencies would need."""
     share = np.bincount(np.frombuffer(part, np.uint8)) / len(part)
     share = share[share > 0]
     return bytes(int(np.ceil(-len(part) * (share * np.log2(share)).sum() / 8)))
@@ -41,27 +41,34 @@ WAYS: dict[str, Callable[[PackedModel], bytes]] = {
     "both_range_coder": partial(encode, compress=ideal),
     "both_lzma": partial(encode, compress=shorter(partial(lzma.compress, **RAW_LZMA))),
 }
-"""Name → a model's bytes: memory as it is compressed; columns with zstd, without and with what
-`spec.coded` adds; with all of that, another compressor."""
+"""Coding methods: (model) → coded bytes, by name.
+
+memory_…: the memory image, compressed as it is
+columns, differences, copies, both: columns with zstd, without and with the steps of `spec.coded`
+both_…: all steps, with another compressor
+"""
 
 
 def coding(
-    config: Config, scenes: list[str], qualities: list[str], tell: Callable,
+    config: Config, scenes: list[str], qualities: list[str], progress: Callable,
     reading: Reading = AS_STATED,
 ) -> list[dict]:  # fmt: skip
-    """A row for each scene and quality; `tell(done, total, label)`."""
+    """Measure all scenes in all qualities, one row each.
+
+    progress: called with (done, total, label)
+    """
     rows = []
     for scene in scenes:
         original = open_source(scene, reading).unpacked
         for quality in qualities:
-            tell(len(rows), len(scenes) * len(qualities), f"{scene} {quality}")
+            progress(len(rows), len(scenes) * len(qualities), f"{scene} {quality}")
             model = pack(original, config, quality=quality)[0]
             rows.append({"scene": Path(scene).name, "quality": quality} | measured(model))
     return rows
 
 
 def measured(model: PackedModel) -> dict:
-    """Sizes of a model by `WAYS`, and seconds."""
+    """Sizes of a model by coding method, and seconds of coding and decoding."""
     sizes = {name: len(way(model)) for name, way in WAYS.items()}
     begin = time.perf_counter()
     data = encode(model)

@@ -1,7 +1,7 @@
-"""`splatcore bench formats`: a scene in other compressed formats, beside our models of it.
+"""`splatcore bench formats`: comparison of other compressed formats with packed models.
 
-PlayCanvas' splat-transform (npm) writes the others; what its files hold is read by our readers.
-dB are of the reference's 8-bit pictures against those of the scene as it is.
+PlayCanvas' splat-transform (npm) writes the other formats, and our readers read its files. PSNR is
+between the reference's 8-bit pictures of the file and of the scene as trained.
 """
 
 import shutil
@@ -25,18 +25,18 @@ from splatcore.spec.scene import Gaussians
 TOOL, PACKAGE = "splat-transform", "@playcanvas/splat-transform"
 
 OTHERS = {"SOG": ".sog", "compressed PLY": ".compressed.ply", "SPZ": ".spz"}
-"""Formats and the ends of their files' names, by which the tool knows them."""
+"""File suffix of each format; the tool recognises formats by it."""
 
 TURNED = ("--rotate", "180,0,0")
-"""What brings a PLY's axes to those of SPZ (y up, z back): version 3.7 writes them as they are."""
+"""Action that turns a PLY's axes into SPZ's (y up, z back); version 3.7 does not do so itself."""
 
 
 def find_tool(tool: str | None) -> str:
-    """The tool's path; InputError if it is not there."""
+    """Find the tool's path; raise InputError if it is not installed."""
     found = shutil.which(tool or TOOL)
     if found is None:
-        what = f"{tool or TOOL}: there is no such program"
-        raise InputError(f"{what}; npm install -g {PACKAGE}, or name one by --tool")
+        missing = f"{tool or TOOL}: no such program"
+        raise InputError(f"{missing}; npm install -g {PACKAGE}, or set its path by --tool")
     return found
 
 
@@ -44,8 +44,11 @@ def formats(
     config: Config, views: list[View], tool: str, compressed: list[str], folder: Path,
     scheduler: str | None,
 ) -> dict:  # fmt: skip
-    """Measure all views; what is there already is kept. tool: as `find_tool` found it; compressed:
-    models that `splatcore compress` made of the scene, if there is but one."""
+    """Measure all views; reuse existing results.
+
+    tool: path from `find_tool`
+    compressed: model files of `splatcore compress`; only with a single scene
+    """
     models = [(path, Path(path).read_bytes()) for path in compressed]
     tasks = [
         Task(
@@ -62,48 +65,48 @@ def formats(
 
 
 def version(tool: str) -> str:
-    """What the tool says of itself."""
+    """The tool's version."""
     return called(tool, "--version").strip()
 
 
 def called(*words: str) -> str:
-    """What a program prints; InputError with what it says if it fails."""
+    """Run a program and return its output; raise InputError with its last line if it fails."""
     done = subprocess.run(words, capture_output=True, text=True)
     if done.returncode:
-        says = (done.stderr or done.stdout).strip().splitlines() or ["without a word"]
+        says = (done.stderr or done.stdout).strip().splitlines() or ["no output"]
         raise InputError(f"{words[0]}: failed with status {done.returncode}: {says[-1]}")
     return done.stdout
 
 
 def measure(config: Config, view: View, tool: str, compressed: list[str], folder: Path) -> dict:
-    """{"rows": [a row for each format and model]} of a view; leaves the formats' files."""
+    """Measure a view: {"rows": [one row per format and model]}. Keeps the formats' files."""
     source, camera = view.open()
     scene, name = source.unpacked, Path(view.scene).name
     seen, stem = Views.of(scene, [camera]), folder / name.split(".")[0]
     original = ply_bytes(len(scene), scene.sh_degree)
     about = {"scene": name, "camera": view.camera or camera.name}
 
-    def row(what: str, held: Gaussians, degree: int, stored: int, memory: int | None) -> dict:
+    def row(title: str, held: Gaussians, degree: int, stored: int, memory: int | None) -> dict:
         db = seen.psnr_db(held)
         return about | {
-            "format": what, "gaussians": len(held.position), "sh_degree": degree, "bytes": memory,
+            "format": title, "gaussians": len(held.position), "sh_degree": degree, "bytes": memory,
             "file_bytes": stored, "ratio": original / stored,
             "psnr_db": None if db == SAME_DB else db,
         }  # fmt: skip
 
-    def ours(what: str, model: PackedModel, stored: int) -> dict:
+    def ours(title: str, model: PackedModel, stored: int) -> dict:
         degree = model.format.sh_degree
-        return row(what, model.gaussians(), degree, stored, len(model.image))
+        return row(title, model.gaussians(), degree, stored, len(model.image))
 
     plain = stem.with_suffix(".formats.ply")
     write_ply(plain, scene)
     rows = []
-    for what, end in OTHERS.items():
+    for title, end in OTHERS.items():
         path = stem.with_name(stem.name + end)
-        actions = TURNED if what == "SPZ" else ()
+        actions = TURNED if title == "SPZ" else ()
         called(tool, "--quiet", "--overwrite", "--gpu", "cpu", str(plain), *actions, str(path))
         held = replace(open_source(str(path)).unpacked, antialiased=scene.antialiased)
-        rows.append(row(what, held.gaussians(), held.sh_degree, path.stat().st_size, None))
+        rows.append(row(title, held.gaussians(), held.sh_degree, path.stat().st_size, None))
     plain.unlink()
     for quality in UNLEARNED:
         model = pack(scene, config, quality=quality)[0]

@@ -1,4 +1,4 @@
-"""The hard cases through an engine: picture, error, cycles, what is left out, and the bound."""
+"""Run the hard cases through an engine: picture, error, cycles, dropped Gaussians, bound."""
 
 from dataclasses import dataclass, field, replace
 
@@ -26,27 +26,31 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.raster import faint_rule
 
 BOUNDS = {
-    "reference": "finite; left out: NaN and Inf only",
+    "reference": "finite; drops NaN and Inf only",
     "golden": f"machine, own rule ≥ {PSNR_MIN:.0f} dB",
     "rtl": f"golden's, machine, own rule ≥ {PSNR_MIN:.0f} dB",
 }
-"""The bound of a case by engine; machines leave out all NaN and Inf, too. Some cases bound what
-packing loses, besides."""
+"""Bound of a case by engine. Every engine must drop exactly the Gaussians with NaN or Inf. Some
+cases also bound the loss of packing."""
 
 
 @dataclass(eq=False)
 class Outcome:
-    """The result of an engine on a hard case; None for what there is not.
+    """The result of an engine on a hard case; None: does not apply.
 
-    pixels, reference: uint8 [H, W, 3], the engine's picture and the one it is compared with.
-    left_out: Gaussians by cause. psnr_db: of `pixels` against the reference before its rounding to
-    8 bits, which can make a whole step of a tiny error; reason: why it is None. psnr_db_rule: the
-    same against the reference under the machine's rule for what is too faint. scene: `pixels`
-    against the reference's picture of the scene as it is. packing: the
-    reference's picture of the packed model against the scene's. identical: to the golden model's
-    picture. failures: bounds that are not met. Of the packed case: its model, what packing says of
-    it, and the reference's frames, `whole` of the scene, `exact` and `ruled`, by that rule, of the
-    model.
+    pixels, reference: uint8 [H, W, 3], the engine's picture and the one it is compared with
+    left_out: dropped Gaussians by cause
+    psnr_db: `pixels` against the unrounded reference on the packed model; rounding can turn a tiny
+        error into a whole step
+    reason: why psnr_db is None
+    psnr_db_rule: the same against the reference with the machine's faintness rule
+    error, scene: `pixels` against the reference's picture of the packed model, of the scene
+    packing: the reference's picture of the packed model against its picture of the scene
+    identical: whether `pixels` equal the golden model's
+    failures: bounds that are not met
+    model, report: packed model, and report of its packing
+    whole, exact, ruled: the reference's frames of the scene, of the model, and of the model with
+        the machine's faintness rule
     """
 
     name: str
@@ -77,7 +81,7 @@ class Outcome:
         return not self.failures
 
     def facts(self) -> dict:
-        """The case in the file of `--json`."""
+        """The case as an object for --json."""
         names = (
             "about", "size", "gaussians", "left_out", "reason", "psnr_db_rule", "identical",
             "cycles", "bound", "passed", "failures",
@@ -90,7 +94,7 @@ class Outcome:
 
 
 def camera_of(case: HardCase, size: tuple[int, int] | None) -> Camera:
-    """A case's camera, with another number of pixels if there is a size."""
+    """A case's camera, resized if a size is given."""
     return case.camera.resized(*size) if size else case.camera
 
 
@@ -102,7 +106,7 @@ def measure(
     machine: Machine | None,
     timing: Timing,
 ) -> Outcome:
-    """Run a hard case through an engine and judge it; `machine` is there for rtl only."""
+    """Run a hard case through an engine and judge it. machine: for engine rtl only."""
     case = HARD[name]()
     camera = camera_of(case, size)
     shape = camera.width, camera.height
@@ -124,7 +128,7 @@ def measure(
 
 
 def prepare(outcome: Outcome, case: HardCase, camera: Camera, config: Config):
-    """Pack a case for a machine, and render both scene and model by the reference."""
+    """Pack a case for a machine, and render scene and model by the reference."""
     rule = replace(SPLATCORE, faint=faint_rule(config))
     outcome.model, outcome.report = pack(case.scene, config, quality=finest(case.scene, config))
     with np.errstate(invalid="ignore"):  # an infinite quaternion has no rotation
@@ -134,8 +138,10 @@ def prepare(outcome: Outcome, case: HardCase, camera: Camera, config: Config):
 
 
 def check_packing(outcome: Outcome, case: HardCase):
-    """The reference's picture of the packed model against that of the scene; no bound for machines
-    that render models with codebooks only, which leave out degrees 2 and 3."""
+    """Compare the reference's pictures of the packed model and of the scene.
+
+    The bound does not apply to models with codebooks, which drop degrees 2 and 3.
+    """
     outcome.packing = difference(outcome.exact.pixels, outcome.whole.pixels)
     least, found = case.packing_db, outcome.packing.psnr_db
     if least is None or outcome.model.format.codebooks:
@@ -146,7 +152,7 @@ def check_packing(outcome: Outcome, case: HardCase):
 
 
 def of_reference(outcome: Outcome):
-    """The reference's picture of the scene; the map of errors is that of packing."""
+    """Use the reference's picture of the scene; its error map is the error of packing."""
     counts = outcome.whole.counts
     outcome.pixels, outcome.reference = outcome.whole.pixels, outcome.exact.pixels
     outcome.reason = "the reference itself"
@@ -159,7 +165,7 @@ def of_reference(outcome: Outcome):
 
 
 def of_golden(outcome: Outcome, camera: Camera, config: Config):
-    """The golden model's picture, its cycles by the cycle model."""
+    """Render by the golden model; cycles are the cycle model's."""
     frame = pipeline.render(config, outcome.model, camera)
     points = frame.points
     leave_out(outcome, len(points.points) - len(points.front), len(frame.binned.kept))
@@ -168,7 +174,7 @@ def of_golden(outcome: Outcome, camera: Camera, config: Config):
 
 
 def of_hardware(outcome: Outcome, job: Job, machine: Machine, timing: Timing):
-    """The simulated machine's picture, its cycles as measured; the golden model's beside it."""
+    """Simulate the machine in RTL, and compare with the golden model."""
     run: Run = simulate(machine, [job], timing, f"simulating {outcome.name}")
     if not run.done:
         outcome.identical = False
@@ -186,7 +192,11 @@ def of_hardware(outcome: Outcome, job: Job, machine: Machine, timing: Timing):
 
 
 def leave_out(outcome: Outcome, behind: int, drawn: int):
-    """Count what does not reach a tile's list: dropped by packing, by the machine."""
+    """Count the Gaussians that reach no tile list: dropped by packing or by the machine.
+
+    behind: not in front of the near plane
+    drawn: in a tile list
+    """
     report = outcome.report
     outcome.left_out = {
         "not_finite": report.not_finite,
@@ -197,7 +207,7 @@ def leave_out(outcome: Outcome, behind: int, drawn: int):
 
 
 def compare(outcome: Outcome, pixels: np.ndarray):
-    """A machine's picture against the reference on the same packed model."""
+    """Compare a machine's picture with the reference on the packed model and on the scene."""
     outcome.pixels, outcome.reference = pixels, outcome.exact.pixels
     outcome.error = difference(pixels, outcome.exact.pixels)
     outcome.scene = difference(pixels, outcome.whole.pixels)
@@ -209,15 +219,15 @@ def compare(outcome: Outcome, pixels: np.ndarray):
         outcome.reason = f"{empty}identical pictures"
     if outcome.psnr_db_rule is not None and outcome.psnr_db_rule < PSNR_MIN:
         outcome.failures.append(
-            f"{outcome.psnr_db_rule:.2f} dB against the reference under its rule, below "
+            f"{outcome.psnr_db_rule:.2f} dB against the reference with its own rule, below "
             f"{PSNR_MIN:.0f} dB"
         )
 
 
 def check_left_out(outcome: Outcome, case: HardCase):
-    """All Gaussians that hold NaN or Inf must have been left out for that, and no others."""
+    """Check that exactly the Gaussians with NaN or Inf were dropped as not finite."""
     if "not_finite" not in outcome.left_out:
-        return  # the machine failed before it said anything
+        return  # the machine failed before it reported counts
     names = ("position", "scale", "quaternion", "opacity", "sh")
     sound = np.ones(outcome.gaussians, bool)
     for name in names:
@@ -225,6 +235,4 @@ def check_left_out(outcome: Outcome, case: HardCase):
         sound &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     wanted, found = int((~sound).sum()), outcome.left_out["not_finite"]
     if found != wanted:
-        outcome.failures.append(
-            f"{found} Gaussians left out for NaN or Inf, {wanted} of the scene have one"
-        )
+        outcome.failures.append(f"{found} Gaussians dropped for NaN or Inf, but {wanted} have one")

@@ -1,4 +1,4 @@
-"""Pictures of the hard cases, and all of them on one sheet with maps of their errors."""
+"""Pictures of the hard cases, and a contact sheet of all of them with error maps."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from splatcore.sim.common.metric import LEVELS, channel_error
 from splatcore.sim.common.output import console
 from splatcore.sim.common.picture import DOTS_PER_INCH, write_figure, write_png
 
-SHEET = "hard-cases.png"  # all of them, in the folder of pictures
+SHEET = "hard-cases.png"  # contact sheet in the folder of pictures
 
 SHEET_COLUMNS, INCHES = 4, (3.8, 1.9)
-"""Cases side by side, each with its picture and its map of errors; the size of each."""
+"""Cases per row of the contact sheet, and size of a case: its picture and its error map."""
 
 
 def write_pictures(folder: Path, outcomes: list[Outcome], engine: str):
-    """A picture of each case that has one, and the contact sheet."""
+    """Write a picture of each case that has one, and the contact sheet."""
     folder.mkdir(exist_ok=True)
     drawn = [outcome for outcome in outcomes if outcome.pixels is not None]
     for outcome in drawn:
@@ -31,7 +31,7 @@ def write_pictures(folder: Path, outcomes: list[Outcome], engine: str):
 
 
 def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
-    """All pictures, each with the map of its errors on the right, on one scale for all."""
+    """Write all pictures, each with its error map on the right, on one common scale."""
     errors = [channel_error(outcome.pixels, outcome.reference) for outcome in outcomes]
     columns = min(SHEET_COLUMNS, len(outcomes))
     rows = -(-len(outcomes) // columns)
@@ -49,13 +49,13 @@ def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
         value = f"{value} dB" if outcome.psnr_db is not None else value.replace("–", "packing")
         image = _show(right, error, f"{value}, {'pass' if outcome.passed else 'FAIL'}", norm)
     against = "of packing" if engine == "reference" else "of the machine"
-    label = f"error {against}, levels of {LEVELS}"
+    label = f"error {against}, of {LEVELS}"
     figure.colorbar(image, ax=axes, label=label, orientation="horizontal", shrink=0.5, aspect=50)
     figure.suptitle(f"The hard cases by engine {engine}", fontsize=11)
     write_figure(path, figure)
 
 
 def _show(axes: Axes, values: np.ndarray, title: str, norm: PowerNorm | None = None):
-    """A picture, or errors by a norm's scale; returns what a colour bar is made of."""
+    """Show a picture, or errors on the scale of a norm; return the image for a colour bar."""
     axes.set_title(title, fontsize=8)
     return axes.imshow(values, cmap="inferno", norm=norm, interpolation="nearest")

@@ -1,4 +1,4 @@
-"""What is told of the hard cases: a line and a row for each."""
+"""Terminal output of the hard cases: one line and one table row each."""
 
 from rich.table import Table
 
@@ -12,11 +12,11 @@ CAUSES = {
     "near_culled": "near",
     "unseen": "unseen",
 }
-"""Why a Gaussian is left out, in the table's words."""
+"""Causes for which a Gaussian is dropped, as printed."""
 
 
 def pass_line(outcome: Outcome) -> str:
-    """A line that says whether a case meets its bound, and all that is wrong with it."""
+    """A line: whether a case meets its bound, and its failures."""
     if not outcome.passed:
         return f"{outcome.name}: FAIL ({outcome.bound}): {'; '.join(outcome.failures)}"
     found = [outcome.reason or f"{shown(outcome.psnr_db_rule, '.2f', none='∞')} dB"]
@@ -26,12 +26,12 @@ def pass_line(outcome: Outcome) -> str:
 
 
 def table(outcomes: list[Outcome], title: str) -> Table:
-    """A row for each case."""
+    """Table with one row per case."""
     numbers = (
         "dB, machine", "dB, own rule", "SSIM, machine", "max error, machine", "dB, scene",
         "dB, packing", "cycles",
     )  # fmt: skip
-    drawn = new_table("case", numbers, title, ("left out", "bound", ""))
+    drawn = new_table("case", numbers, title, ("dropped", "bound", ""))
     for outcome in outcomes:
         error, scene, packing = outcome.error, outcome.scene, outcome.packing
         values = outcome.psnr_db, outcome.psnr_db_rule
@@ -53,13 +53,13 @@ def table(outcomes: list[Outcome], title: str) -> Table:
 
 
 def decibels(value: float | None, compared: bool) -> str:
-    """A PSNR; pictures that were compared and have none are identical."""
+    """A PSNR as text. value None: identical pictures if `compared`, else not compared."""
     if value is not None:
         return f"{value:.2f}"
     return "identical" if compared else "–"
 
 
 def left_out(outcome: Outcome) -> str:
-    """Counts of Gaussians that are left out, by cause, and of all."""
+    """Counts of dropped Gaussians by cause, and the count of all Gaussians."""
     parts = [f"{count} {CAUSES[cause]}" for cause, count in outcome.left_out.items() if count]
     return f"{', '.join(parts)} of {outcome.gaussians}" if parts else "–"

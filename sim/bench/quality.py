@@ -1,8 +1,9 @@
-"""`splatcore bench quality`: bytes against error of the models that a scene can be packed as.
+"""`splatcore bench quality`: size against error of a scene's packed models.
 
-Each view is packed in all of `UNLEARNED` and to each of some dB. Error is that of 8-bit pictures:
-"scene", golden model against the reference on the scene as it is; "machine", golden model against
-the reference on the packed model; "packing", the reference on the packed model against the scene.
+Each view is packed in all qualities of `UNLEARNED` and for several target PSNRs. Errors are between
+8-bit pictures. "scene": golden model against the reference on the scene as trained. "machine":
+golden model against the reference on the packed model. "packing": reference on the packed model
+against the reference on the scene as trained.
 """
 
 from collections.abc import Iterator
@@ -26,7 +27,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 TARGETS = "36,40,44,48,52"
-"""dB that the smallest models are found for."""
+"""Default target PSNRs in dB, for each of which the smallest model is found."""
 
 INCHES, DOTS_PER_INCH = (9.0, 5.5), 120
 
@@ -36,7 +37,7 @@ HOLLOW = {"linestyle": "none", "markerfacecolor": "none", "markersize": 9}
 def quality(
     config: Config, views: list[View], targets: list[float], folder: Path, scheduler: str | None
 ) -> dict:
-    """Measure all views; what is there already is kept. Writes pictures and a plot, too."""
+    """Measure all views, reuse existing results, and write pictures and a plot."""
     tasks = [
         Task(
             f"quality {view.name} {view.size}".replace("/", "-").replace(":", "-"),
@@ -51,7 +52,7 @@ def quality(
 
 
 def measure(config: Config, view: View, targets: list[float], folder: Path) -> dict:
-    """{"rows": [a row for each model]} of a view; writes its pictures."""
+    """Measure a view: {"rows": [one row per model]}. Writes its pictures."""
     source, camera = view.open()
     scene = source.unpacked
     seen = Views.of(scene, [camera])
@@ -77,7 +78,7 @@ def measure(config: Config, view: View, targets: list[float], folder: Path) -> d
 def models(
     config: Config, scene: Scene, seen: Views, targets: list[float]
 ) -> Iterator[tuple[str, Packed]]:
-    """What was asked for, and the model that it gives."""
+    """Yield each quality or target, and the model packed for it."""
     for name in UNLEARNED:
         yield name, choose(scene, config, seen, name)
     for target in targets:
@@ -85,8 +86,11 @@ def models(
 
 
 def read_bytes(frame: Frame, model: PackedModel) -> int:
-    """Bytes of the model that a frame reads, but for codebooks and what fills beats: headers of
-    all chunks, positions of those that are not skipped, attributes of what is projected."""
+    """Bytes of the model that a frame reads, without codebooks and padding of beats.
+
+    Headers of all chunks, positions of all chunks that are not skipped, attributes of all
+    projected Gaussians.
+    """
     points = frame.points
     position = model.format.position_record.width * len(points.points) // 8
     _, beats = model.attribute_bursts(points.inside)
@@ -95,8 +99,11 @@ def read_bytes(frame: Frame, model: PackedModel) -> int:
 
 
 def write_plot(path: Path, rows: list[dict]):
-    """dB against the scene over bytes a Gaussian: for each view a line through the smallest models
-    of some dB, and a hollow marker for each of `UNLEARNED`."""
+    """Plot PSNR against the scene as trained over bytes per Gaussian.
+
+    Per view: a line through the smallest models for the target PSNRs, and hollow markers for the
+    qualities of `UNLEARNED`.
+    """
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
     axes = figure.subplots()
     views = list(dict.fromkeys((row["scene"], row["camera"]) for row in rows))
@@ -111,8 +118,8 @@ def write_plot(path: Path, rows: list[dict]):
                 if (row["asked"] in UNLEARNED) == named
             )
             axes.plot(*np.array(places).reshape(-1, 2).T, **style, **look)
-    axes.set_xlabel("bytes a Gaussian")
-    axes.set_ylabel("dB, golden model against the scene as it is")
+    axes.set_xlabel("bytes per Gaussian")
+    axes.set_ylabel("PSNR, golden model against the scene as trained, dB")
     axes.grid(alpha=0.3)
     if views:
         axes.legend(fontsize=8)

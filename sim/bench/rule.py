@@ -1,9 +1,9 @@
-"""`splatcore bench rule`: stage 3's cycles against error, by what is too faint to be seen.
+"""`splatcore bench rule`: stage 3's cycles against error, by faintness rule (`Config.faint`).
 
-Each view is rendered by the golden model under each rule of `rules`, `Config.faint`. Points,
-binning and sorting do not depend on it. Cycles are those of stage 3 alone by the cycle model, its
-splats always valid; error is that of 8-bit pictures, golden model against the reference on the same
-packed model under 3DGS's rule.
+The golden model renders each view with each rule of `rules`. Points, binning and sorting do not
+depend on the rule. Cycles are the cycle model's for stage 3 alone, with splats always valid. Errors
+are between 8-bit pictures of the golden model and of the reference on the same packed model with
+3DGS's rule.
 """
 
 from dataclasses import replace
@@ -28,35 +28,35 @@ from splatcore.spec.config import Config
 Rule = tuple[int, ...]
 
 LIMITS, THRESHOLDS = (4, 5, 6), (9, 11, 13)
-"""Places of T and of what a splat takes of it, from which and below which it is too faint."""
+"""a and b of the rules to try: once T < 2^−a, splats that would take less than 2^−b are skipped."""
 
 MORE: tuple[Rule, ...] = (
     (4, 10, 9), (5, 10, 9), (4, 11, 8), (5, 11, 7), (5, 11, 8), (6, 11, 8), (5, 12, 8), (5, 12, 9),
     (5, 12, 10),
 )  # fmt: skip
-"""Rules beside those."""
+"""Further rules (a, b, c) to try."""
 
 LEAST, LARGEST = 55.0, 0.1
-"""dB that every view has at least, and the largest error (of 1.0), under a rule that is allowed."""
+"""Minimum dB and maximum error (of 1.0) of every view under an allowed rule."""
 
 AXES = (("raster_cycles", 1), ("psnr_db_machine_mean", -1))
-"""Figures by which rules are compared for the front, as in `bench sweep`."""
+"""Metrics of the Pareto front of rules, as in `bench sweep`."""
 
 WORK = ("raster_cycles", "visited", "pairs")
 
 
 def rules() -> list[Rule]:
-    """3DGS's rule, all limits with all thresholds and c = b − 2, and more."""
+    """All rules to try: 3DGS's, all limits with all thresholds and c = b − 2, and `MORE`."""
     return [(), *((a, b, b - 2) for a in LIMITS for b in THRESHOLDS), *MORE]
 
 
 def title(rule: Rule) -> str:
-    """A rule as tables have it."""
+    """A rule's name in tables."""
     return ", ".join(map(str, rule)) if rule else "3DGS"
 
 
 def measure_rules(config: Config, views: list[View], folder: Path, scheduler: str | None) -> dict:
-    """Measure all views; what is there already is kept. Writes rule.md and rule.csv, too."""
+    """Measure all views, reuse existing results, and write rule.md and rule.csv."""
     tasks = [
         Task(
             f"rule {view.name} {view.size}".replace("/", "-").replace(":", "-"),
@@ -76,7 +76,7 @@ def measure_rules(config: Config, views: list[View], folder: Path, scheduler: st
 
 
 def measure(config: Config, view: View) -> dict:
-    """{"rows": [a row for each rule]} of a view."""
+    """Measure a view: {"rows": [one row per rule]}."""
     source, camera = view.open()
     model = packed_model(source, config, camera, view.quality)
     truth = {"machine": truths(source, model, camera)["machine"]}
@@ -87,7 +87,7 @@ def measure(config: Config, view: View) -> dict:
 
 
 def row(config: Config, frame: Frame, camera: Camera, truth: dict[str, np.ndarray]) -> dict:
-    """Work and error of a frame that is rasterized anew, under the machine's rule."""
+    """Work and error of a frame that is rasterized again with the machine's rule."""
     size = camera.width, camera.height
     raster = rasterize(config, frame.binned.features, frame.sorted, size)
     counts = raster.counts
@@ -99,8 +99,11 @@ def row(config: Config, frame: Frame, camera: Camera, truth: dict[str, np.ndarra
 
 
 def summaries(rows: list[dict]) -> dict[str, dict]:
-    """Each rule over all views: means of its work against 3DGS's rule's, error, and whether it is
-    allowed and no other one that is beats it."""
+    """Summary of each rule over all views.
+
+    Work is the mean ratio to 3DGS's rule. `allowed`: within the bounds of error; `front`: on the
+    Pareto front of the allowed rules.
+    """
     plain = {(row["scene"], row["camera"]): row for row in rows if row["rule"] == title(())}
     found = {}
     for name in dict.fromkeys(row["rule"] for row in rows):
@@ -132,7 +135,7 @@ def summaries(rows: list[dict]) -> dict[str, dict]:
 
 
 def markdown(facts: dict) -> str:
-    """Two tables: the rules over all views, and the views under each rule."""
+    """Two Markdown tables: the rules over all views, and each view with each rule."""
     rules, rows = facts["rules"], facts["rows"]
     over_all = [cells(found) for found in rules.values()]
     views = list(dict.fromkeys((row["scene"], row["camera"]) for row in rows))
@@ -147,9 +150,9 @@ def markdown(facts: dict) -> str:
         for name in rules
     ]
     tables = {
-        "Mean over views, cycles, blocks and pairs of 3DGS's rule's; dB and largest error of the "
-        f"machine; allowed: ≥ {LEAST:.0f} dB and ≤ {LARGEST} everywhere:": over_all,
-        "Thousands of cycles, dB, largest error of each view:": each,
+        "Mean of all views. Cycles, blocks and pairs: ratio to 3DGS's rule. dB and largest error: "
+        f"machine. Allowed: ≥ {LEAST:.0f} dB and error ≤ {LARGEST} in every view.": over_all,
+        "Thousands of cycles, dB (machine) and largest error per view:": each,
     }
     names = list(rules)
     return (
@@ -158,13 +161,13 @@ def markdown(facts: dict) -> str:
 
 
 def cells(found: dict) -> dict[str, str]:
-    """A rule over all views as a row of a table."""
+    """A rule's summary as a row of a table."""
     decibels = [shown(found[f"psnr_db_machine_{k}"], ".2f", none="∞") for k in ("mean", "min")]
     ends = [f"{found[f'raster_cycles_share_{k}']:.3f}" for k in ("min", "max")]
     return {
-        "cycles": f"{found['raster_cycles']:.3f}", "least … most": " … ".join(ends),
+        "cycles": f"{found['raster_cycles']:.3f}", "min … max": " … ".join(ends),
         "blocks": f"{found['visited']:.3f}", "pairs": f"{found['pairs']:.3f}",
-        "dB, mean": decibels[0], "dB, least": decibels[1],
+        "dB, mean": decibels[0], "dB, min": decibels[1],
         "largest error": f"{found['max_error_machine_max']:.3f}",
         "allowed": "yes" if found["allowed"] else "no", "front": "*" if found["front"] else "",
     }  # fmt: skip

@@ -1,8 +1,8 @@
-"""`splatcore bench scenes`: frames of many scenes through the simulated machine, cycles and error.
+"""`splatcore bench scenes`: cycles and error of many scenes on the machine in RTL simulation.
 
-Of each view three frames are rendered, so that both halves are at work at once, and memory serves
-that one first which was the slower one for the frame before. What came of it is a file of its own,
-which stands until the machine's Verilog, what packs the scene, the view or the memory is another.
+Three frames are rendered per view, so that both halves are busy and memory gives priority to the
+half that was slower in the previous frame. Each result is a file, which is reused until the
+machine's Verilog, the packing code, the view or the memory changes.
 """
 
 import time
@@ -36,10 +36,10 @@ from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.packed import PackedModel
 
 FRAMES = 3
-"""Rendered of each view: while the first one's tiles are, the second one's points are made."""
+"""Frames per view: a frame's tiles are rendered while points of the next frame are processed."""
 
 MORE_CAMERAS = {"kitchen.spz": ("kitchen_inside_0", "kitchen_inside_150")}
-"""Cameras that are measured besides a scene's first."""
+"""Cameras that are measured in addition to a scene's first."""
 
 MEGABYTE = 1e6
 
@@ -48,7 +48,7 @@ CYCLES = ("preprocessing", "rendering", "frame")
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """A view's model and pictures: the golden model's frame, and the reference's of `truths`."""
+    """A view's packed model, the golden model's frame, and the reference's pictures (`truths`)."""
 
     model: PackedModel
     camera: Camera
@@ -60,7 +60,7 @@ def views(
     scenes: list[str], cameras: str | None, size: str, quality: str | None = None,
     reading: Reading = AS_STATED,
 ) -> list[View]:  # fmt: skip
-    """The views of scenes, else of all in the shared folder."""
+    """The views of scenes, or of all scenes in the shared folder if none is named."""
     found = []
     for scene in scenes or map(str, scene_files()):
         named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
@@ -73,7 +73,7 @@ def views(
 
 
 def bench_scenes(config: Config, found: list[View], timings: list[Timing], folder: Path) -> bool:
-    """Measure what has not been, and write tables; True if all pictures are the golden model's."""
+    """Measure the missing views and write tables; return whether all equal the golden model."""
     simulator, rows = Simulator(config), []
     for view, timing in product(found, timings):
         path = folder / f"{view.name.replace(':', '-')}-{view.size}-{timing.name}.json"
@@ -85,7 +85,7 @@ def bench_scenes(config: Config, found: list[View], timings: list[Timing], folde
 
 
 class Simulator:
-    """A machine in RTL simulation; it is built once something has to be simulated."""
+    """A machine in RTL simulation, built when the first view has to be simulated."""
 
     def __init__(self, config: Config):
         self.config, self.source = config, machine_source(config)
@@ -95,7 +95,7 @@ class Simulator:
         return build(self.config, source=self.source)
 
     def row(self, view: View, timing: Timing, path: Path) -> dict:
-        """A view's result, simulated unless the file has it already and it was a success."""
+        """A view's result: read from the file if it was a success, else simulated and written."""
         packs = code_key(packed_model)
         about = [self.source, packs, repr(self.config), view.name, view.size, timing, FRAMES]
         key = digest(about)
@@ -110,7 +110,7 @@ class Simulator:
 
 @lru_cache(maxsize=1)
 def expect(config: Config, view: View) -> Expected:
-    """A view's packed model, and its pictures by golden model and reference."""
+    """Pack a view's scene, and render it by golden model and reference."""
     with progress_bar(f"packing {view.name}"):
         source, camera = view.open()
         check_fits(config, camera.width, camera.height)
@@ -120,7 +120,7 @@ def expect(config: Config, view: View) -> Expected:
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
-    """Simulate a view, and say all there is to say about it."""
+    """Simulate a view and return its result."""
     begin, config = time.perf_counter(), machine.config
     jobs = [Job(expected.model, expected.camera)] * FRAMES
     run = simulate(machine, jobs, timing, f"{view.name}, {timing.name}")
@@ -137,7 +137,7 @@ def measure(machine: Machine, view: View, expected: Expected, timing: Timing) ->
 
 
 def judge(config: Config, run: Run, expected: Expected) -> dict:
-    """Cycles, error and traffic of a run that came to its end."""
+    """Cycles, error and traffic of a finished run."""
     wrong = [diagnose(config, run, k, expected.golden) for k in range(len(run.frames))]
     frame = run.frame_cycles[-1]
     taken = {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
@@ -153,7 +153,7 @@ def judge(config: Config, run: Run, expected: Expected) -> dict:
 
 
 def line(row: dict) -> str:
-    """A result in a line."""
+    """A result as a line of text."""
     text = f"{row['scene']} {row['camera']}, {row['timing']['name']}: "
     if "cycles" not in row:
         return text + row["ended"]
@@ -167,7 +167,7 @@ def line(row: dict) -> str:
 
 
 def cells(row: dict) -> Iterator[tuple[str, object]]:
-    """All of a result's numbers by column."""
+    """A result as (column, value) pairs."""
     yield from ((name, row[name]) for name in ("scene", "camera", "size"))
     yield "timing", row["timing"]["name"]
     yield "identical", "yes" if row["identical"] else "no"
@@ -181,7 +181,7 @@ def cells(row: dict) -> Iterator[tuple[str, object]]:
 
 
 def markdown(rows: list[dict]) -> str:
-    """Three tables: cycles and error, the cycle model's stages, megabytes by cause."""
+    """Three Markdown tables: cycles and error, the cycle model's stages, traffic by cause."""
     done = [row for row in rows if "cycles" in row]
     titles = [
         f"{row['scene']} {row['camera']}, {row['timing']['name']}"
@@ -201,10 +201,10 @@ def markdown(rows: list[dict]) -> str:
     model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
     traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
     tables = {
-        "Thousands of cycles of a frame in RTL, and its picture against the reference's of the "
-        "scene as it is (scene) and of the same packed model (machine):": frames,
-        "The cycle model's thousands of cycles:": model,
-        "Megabytes by cause:": traffic,
+        "Thousands of cycles per frame in RTL; the picture against the float64 reference on the "
+        "scene as trained (scene) and on the same packed model (machine):": frames,
+        "Thousands of cycles by the cycle model:": model,
+        "Megabytes per frame, by cause:": traffic,
     }
     parts = [part for title, rows in tables.items() for part in (title, in_markdown(titles, rows))]
     if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:

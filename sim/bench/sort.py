@@ -1,4 +1,4 @@
-"""Cycles of stage 2 by length of the list and kind of keys, in RTL simulation."""
+"""Cycles of stage 2 in RTL simulation, by length of the list and kind of keys."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,18 +19,21 @@ from splatcore.spec.sort import half_entries
 
 LENGTHS = (1, 2, 4, 8, 16, 32, 64, 100, 128, 129, 200, 256, 400, 512, 700, 1024, 1300, 1500,
            2048, 2049, 3000, 4096, 5200, 7000, 10_000, 14_000, 20_000)  # fmt: skip
-"""Lengths of lists: what occurs, and the hard case of 20,000."""
+"""Lengths of lists: common ones, and the hard case of 20,000."""
 
 BOUND, BOUND_FROM, BOUND_TO = 4.5, 16, 2048
-"""Cycles an entry, 1.5·(1 for loading + 2·1 for giving it out), that a list may take; lengths that
-the bound is about."""
+"""Maximum cycles per entry, 1.5·(1 for loading + 2·1 for output), and the lengths that it applies
+to."""
 
 INCHES = (9.0, 5.5)
 DOTS_PER_INCH = 150
 
 
 def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> tuple[dict, list[int]]:
-    """Cycles of lists of these lengths by kind of keys, and by the cycle model; table and plot."""
+    """Measure lists of several lengths; print a table and write a plot.
+
+    Returns the cycles by kind of keys, and the cycle model's.
+    """
     simulation, total = Simulation(SortStage(config)), len(KEYS) * len(lengths)
     found = {kind: [] for kind in KEYS}
     with progress_bar("sorting", total) as advance:
@@ -46,7 +49,7 @@ def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> tuple[dict
 
 
 def _measure(simulation: Simulation, config: Config, kind: str, length: int) -> int:
-    """Cycles from a list's first entry to the mark behind it. AssertionError if out of order."""
+    """Cycles from a list's first entry to its end mark. AssertionError if not sorted."""
     counts = np.array([length])
     rows = stage_rows(config, counts, entries_of(config, kind, counts))
     constants = {"stop": 0}
@@ -58,7 +61,7 @@ def _measure(simulation: Simulation, config: Config, kind: str, length: int) -> 
 
 
 def _bound_to(config: Config) -> int:
-    """The longest list that the bound is about: one that is merged at once."""
+    """The longest list that the bound applies to: it fits on chip."""
     return min(BOUND_TO, half_entries(config))
 
 
@@ -76,11 +79,11 @@ def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]
 
 
 def _write_plot(path: Path, config: Config, lengths: Sequence[int], found: dict, model: list[int]):
-    """Draw cycles per entry over the length, the bound dashed."""
+    """Plot cycles per entry over the length, with the bound dashed."""
     figure = Figure(INCHES, DOTS_PER_INCH, layout="constrained")
     axes, entries = figure.subplots(), np.array(lengths)
     for number, (kind, values) in enumerate(found.items()):
-        # The lines lie on each other: the cycles do not depend on the keys.
+        # The lines coincide, as the cycles do not depend on the keys.
         axes.plot(entries, values / entries, label=kind, linewidth=6 - number, alpha=0.6)
     axes.plot(entries, model / entries, "k:", label="cycle model")
     axes.plot([BOUND_FROM, _bound_to(config)], [BOUND, BOUND], "r--", label=f"bound {BOUND}")
@@ -88,7 +91,7 @@ def _write_plot(path: Path, config: Config, lengths: Sequence[int], found: dict,
     axes.set_ylim(0, 3 * BOUND)
     axes.set_xlabel("entries of the list")
     axes.set_ylabel("cycles per entry")
-    axes.set_title(f"Stage 2, {config.name}: one list, from its first entry to the mark behind it")
+    axes.set_title(f"Stage 2, {config.name}: one list, from its first entry to its end mark")
     axes.grid(alpha=0.3)
     axes.legend()
     write_figure(path, figure)

@@ -1,4 +1,4 @@
-"""Rows of stage 2's streams for groups of entries: for tests and `sim.bench.sort`."""
+"""Rows of stage 2's streams for tests and `sim.bench.sort`."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ def random_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarra
 
 
 def clustered_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:
-    """Few values of the upper half of the bits, any of the lower half."""
+    """Keys with few values in the upper half of the bits and any value in the lower half."""
     low = bits // 2
     clusters = random_keys(bits - low, 1 + count // 16, random)
     return random.choice(clusters, count) << np.uint64(low) | random_keys(low, count, random)
@@ -32,11 +32,11 @@ KEYS = {
     "reversed": lambda *asked: np.sort(random_keys(*asked))[::-1].copy(),
     "clustered": clustered_keys,
 }
-"""Kinds of keys: each makes keys [count] of `bits` bits."""
+"""Kinds of keys: (bits, count, random generator) → keys [count] of `bits` bits."""
 
 
 def entries_of(config: Config, kind: str, counts: np.ndarray, seed: int = 0) -> Codes:
-    """Entries of groups of `counts` [G] entries with keys of a kind."""
+    """Random entries for groups of `counts` [G] entries, with keys of a kind."""
     random, total = np.random.default_rng(seed), int(np.sum(counts))
     keys = [KEYS[kind](config.sort_key_bits, int(count), random) for count in counts]
     return {
@@ -48,7 +48,7 @@ def entries_of(config: Config, kind: str, counts: np.ndarray, seed: int = 0) -> 
 
 @dataclass(frozen=True, eq=False)
 class SortRows:
-    """Rows of stage 2's in streams, and those that its out streams must give."""
+    """Rows for stage 2's input streams, and the expected rows of its output streams."""
 
     inputs: Rows
     expected: Rows
@@ -59,7 +59,7 @@ class SortRows:
 
 
 def sort_rows(config: Config, counts: np.ndarray, entries: Codes, last=1) -> SortRows:
-    """Rows for jobs of `counts` [J] entries; last [J]: those with which a group ends."""
+    """Rows for jobs of `counts` [J] entries. last: [J], 1 for the last job of a group."""
     counts = np.asarray(counts)
     last = np.broadcast_to(last, len(counts))
     return SortRows(
@@ -72,7 +72,7 @@ def sort_rows(config: Config, counts: np.ndarray, entries: Codes, last=1) -> Sor
 
 
 def stage_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
-    """Rows of `SortStage` for lists of `counts` [G] entries, in the order in which they arrive."""
+    """Rows of `SortStage` for lists of `counts` [G] entries, in order of arrival."""
     packed, ends = entry_record(config).pack(entries), np.cumsum(counts).astype(int)
     lists = np.split(np.arange(len(packed)), ends[:-1])
     found = list(jobs(config, [entries["key"][indices] for indices in lists]))
@@ -91,5 +91,5 @@ def stage_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:
 
 
 def rounds_of(found: Job | list[Round]) -> list[Round]:
-    """The rounds of a list; none for one that fits on chip."""
+    """The rounds of dealing of a list; none if it fits on chip."""
     return [] if isinstance(found, Job) else found

@@ -1,4 +1,4 @@
-"""Stage 2 as a whole, behind memory that answers at once: for measurements and tests."""
+"""The whole of stage 2 with zero-latency memory, for measurements and tests."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -18,12 +18,13 @@ class SortStage(wiring.Component):
     """Dealing, scratch memory and sorting.
 
     Members
-        groups: stream of `group_record`. short: stream of `entry_record`, the entries of the lists
-            that fit on chip. long: the same, those of a long list once for each round of dealing.
-        stop: the group that is being given out is not needed any more.
-        o: stream of `sorted_record`.
+        groups: stream of `group_record`
+        short: stream of `entry_record`, the entries of lists that fit on chip
+        long: stream of `entry_record`, the entries of longer lists, once per round of dealing
+        stop: the rest of the current group's output is not needed
+        o: stream of `sorted_record`
 
-    **Timing**: that of its parts; an entry a cycle from memory, with no latency.
+    **Timing**: as its parts; memory delivers one entry per cycle without latency.
     """
 
     def __init__(self, config: Config):

@@ -1,8 +1,8 @@
-"""Cycles and errors of many machines on one view: the tasks of campaigns.
+"""Campaign tasks: cycles and errors of many machines on one view.
 
-A machine's picture is the golden model's, measured against the float64 reference on the same packed
-model and on the scene as it is; its cycles are the cycle model's. Machines that differ in speed
-alone share a picture.
+Pictures are the golden model's, compared with the float64 reference on the same packed model and
+on the scene as trained. Cycles are the cycle model's. Machines that differ only in speed share a
+picture.
 """
 
 from dataclasses import replace
@@ -27,16 +27,16 @@ SPEED = (
     "projection_slots", "sub_sorter", "sub_sorters", "sub_sorter_entries",
     "merge_ways", "rasterizers", "port", "energy",
 )  # fmt: skip
-"""Fields of `Config` that change no pixel and no count of work."""
+"""Fields of `Config` that change neither pixels nor counts of work."""
 
 
 def picture_of(config: Config) -> Config:
-    """The machine that stands for all with the same pictures."""
+    """The machine that represents all machines with the same pictures."""
     return replace(config, **{name: getattr(DEFAULT, name) for name in SPEED})
 
 
 def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Task]:
-    """A task for each view and picture. name: of the campaign."""
+    """Tasks of a campaign, one per view and distinct picture. name: of the campaign."""
     pictures: dict[Config, dict[str, Config]] = {}
     for label, config in machines.items():
         pictures.setdefault(picture_of(config), {})[label] = config
@@ -50,7 +50,7 @@ def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Tas
 
 
 def measure(view: View, machines: dict[str, Config]) -> dict:
-    """{"rows": [a row for each machine]}; all machines make the same picture."""
+    """Measure machines with the same picture on a view: {"rows": [one row per machine]}."""
     first = next(iter(machines.values()))
     source = opened(view.scene, view.reading)
     camera = view.camera_of(source)
@@ -69,7 +69,7 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
 
 @lru_cache(maxsize=1)
 def opened(scene: str, reading: Reading = AS_STATED) -> Source:
-    """The scene that this process has worked on last."""
+    """Open a scene; the process keeps the last one open."""
     return open_source(scene, reading)
 
 

@@ -1,4 +1,4 @@
-"""The machines that `splatcore bench sweep` compares: DEFAULT, PAPER, and one thing changed."""
+"""Machines of `splatcore bench sweep`: DEFAULT, PAPER, and DEFAULT with one change each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -12,7 +12,7 @@ LANES = 16  # of a rasterizer: the pixels of a block
 
 @dataclass(frozen=True)
 class Point:
-    """A machine of the sweep. knob: what differs from DEFAULT, value: how much of it there is."""
+    """A machine of the sweep. knob: name of the change from DEFAULT; value: its setting."""
 
     name: str
     knob: str
@@ -21,7 +21,7 @@ class Point:
 
     @property
     def fields(self) -> dict[str, object]:
-        """Fields of `Config` that differ from DEFAULT's; as text if JSON has no word for them."""
+        """Fields of `Config` that differ from DEFAULT's; as text unless JSON can represent them."""
         found = {}
         for field in fields(Config):
             value = getattr(self.config, field.name)
@@ -31,31 +31,31 @@ class Point:
 
 
 WIDTHS = ("5/10", "7/10", "7/13", "8/20")
-"""Bits of exponent and fraction of stages 0 and 1 beside DEFAULT's."""
+"""Exponent/fraction bits of stages 0 and 1 to try in addition to DEFAULT's."""
 
 KEYS = (17, 18, 19, 20)
-"""Bits of a depth key beside DEFAULT's: each one less halves the octaves behind the near plane."""
+"""Bits of a depth key to try in addition to DEFAULT's."""
 
 RASTER_FORMATS = {
     "coarse": {field: format.coarse for field, format in FORMATS.items()},
     "weights -1 bit": {"weight": 10, "sum_fraction": 12},
     "fine": {field: format.fine for field, format in FORMATS.items()},
 }
-"""Formats of stage 3, together: a little less, one thing less, a little more."""
+"""Sets of formats of stage 3: all a little narrower, the weight narrower, all a little wider."""
 
 LIMITS, FAINT, ENDS = (4, 5, 6), (9, 11, 13), (7, 9)
-"""2^−these: T from which on, and what a splat takes of it below which, it is too faint; T of which
-the last splat takes all, beside DEFAULT's."""
+"""Faintness rules to try: once T < 2^−limit, splats that would take less than 2^−faint are skipped,
+and one that would leave less than 2^−end takes all of T."""
 
 
 def changed(knob: str, value: object, **changes) -> Point:
-    """DEFAULT with something changed."""
+    """DEFAULT with some fields changed."""
     name = f"{knob} {value}"
     return Point(name, knob, str(value), replace(DEFAULT, name=name, **changes))
 
 
 def points() -> Iterator[Point]:
-    """All of them; InputError for one that Config refuses would be a mistake in this file."""
+    """All points of the sweep."""
     yield Point("DEFAULT", "preset", "DEFAULT", DEFAULT)
     yield Point("PAPER", "preset", "PAPER", PAPER)
     for text in WIDTHS:

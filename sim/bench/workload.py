@@ -1,7 +1,7 @@
-"""`splatcore bench work`: the work of scenes for the machine, camera by camera, and where.
+"""`splatcore bench work`: the machine's workload by scene and camera.
 
-Culling, early termination and how busy the processing elements are, as the paper's figures and
-tables tell them of its scenes.
+Culling rates, early termination, utilisation of the processing elements and splats per tile, to
+compare with the figures and tables of the paper.
 """
 
 from dataclasses import replace
@@ -25,7 +25,7 @@ from splatcore.spec.schedule import pes, schedule
 
 
 def every_camera(views: list[View]) -> list[View]:
-    """The views' scenes by all cameras of their files."""
+    """The views, and their scenes from all other cameras of their files."""
     found = {}
     for view in views:
         if not view.camera_text:
@@ -34,8 +34,8 @@ def every_camera(views: list[View]) -> list[View]:
         name = read_camera(view.camera_text, shape_of(view.size)).name
         found.setdefault((view.scene, name), view)
     for view in {(view.scene, view.size): replace(view, camera="") for view in views}.values():
-        beside, shape = view.camera_text, shape_of(view.size)
-        for camera in read_cameras(beside, size=shape) if beside else ():
+        file, shape = view.camera_text, shape_of(view.size)
+        for camera in read_cameras(file, size=shape) if file else ():
             found.setdefault((view.scene, camera.name), replace(view, camera=camera.name))
     return list(found.values())
 
@@ -60,7 +60,7 @@ def work(config: Config, views: list[View], folder: Path, scheduler: str | None)
 
 
 def view_work(config: Config, view: View) -> dict:
-    """A frame's counts and rates, and how many splats reach each tile."""
+    """A frame's counts and rates ("row"), and the splats per tile ("density")."""
     source = opened(view.scene, view.reading)
     camera = view.camera_of(source)
     model = packed_model(source, config, camera)
@@ -90,9 +90,10 @@ def _share(part: int, whole: int) -> float:
 
 
 def utilisation(config: Config, sh_degree: int, projected: int, cycles: Cycles) -> float:
-    """Share of the frame's cycles in which a PE of stage 1 has an operation.
+    """Share of the frame's cycles in which a PE of stage 1 has an operation, mean of all PEs.
 
-    Operations of models without harmonics count without their colours, which come out all the same.
+    For models with fewer harmonics than the machine's the program without harmonics is counted,
+    as the other operations change nothing.
     """
     steps = projection(config)
     if sh_degree < config.sh_degree:
@@ -102,7 +103,7 @@ def utilisation(config: Config, sh_degree: int, projected: int, cycles: Cycles) 
 
 
 def tile_density(config: Config, frame: Frame) -> np.ndarray:
-    """Splats [rows, columns] that reach each tile."""
+    """Number of splats per tile, [rows, columns]."""
     height, width = frame.pixels.shape[:2]
     rows, columns = -(-height // TILE), -(-width // TILE)
     across = -(-columns // config.group)
@@ -117,7 +118,7 @@ def tile_density(config: Config, frame: Frame) -> np.ndarray:
 
 
 def operations(config: Config) -> dict[str, dict[str, float]]:
-    """Operations of stage 1 with and without the products with zeros, and cycles a Gaussian."""
+    """Operations of stage 1 with and without products with zeros, and cycles per Gaussian."""
     found = {}
     for name in ("project", "project_sh", "project_dense", "project_sh_dense"):
         steps, plan = program(name), schedule(config, program(name))

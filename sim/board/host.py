@@ -1,6 +1,6 @@
-"""The host's side of a board: a model into its memory, a frame, the picture out of it.
+"""Host of a board: load a model into its memory, render a frame, fetch the picture.
 
-Words of 32 bits on the board's bus are written and read by UARTBone, LiteX's own protocol.
+The host writes and reads 32-bit words on the board's bus by UARTBone, LiteX's own protocol.
 """
 
 import json
@@ -25,22 +25,24 @@ from splatcore.spec.registers import WORD, ErrorCode
 from splatcore.spec.work import PIXEL, stride
 
 ANSWER_SECONDS = 5.0
-"""A board that has not answered for so long is not there."""
+"""Time limit for an answer of the board."""
 
 FRAME_SECONDS = 60.0
-"""A frame that is not complete then is given up."""
+"""Time limit for a frame; then it is aborted."""
 
 BROKEN_OFF_SECONDS = 0.2
-"""A command that an earlier host broke off is forgotten by the board's bus bridge within this."""
+"""Time after which the board's bus bridge drops a command that an earlier host left unfinished."""
 
-WRITE_WORDS, READ_WORDS = 256, 128  # of memory, until progress is told again; 255 are one read
+WRITE_WORDS, READ_WORDS = 256, 128  # memory words per progress report; one read has at most 255
 
 FACTS_OF_A_BOARD = {"preset", "clock_hz", "baud", "registers", "memory", "start"}
 
 
 def read_board(folder: str) -> tuple[Config, dict[str, Any]]:
-    """The machine and the facts of a folder that `board write` has written; InputError for another
-    one."""
+    """Read a folder written by `board write`.
+
+    Returns the machine and the contents of its `board.json`. Raises InputError for another folder.
+    """
     path = Path(folder) / FACTS
     try:
         facts = json.loads(path.read_text())
@@ -49,14 +51,14 @@ def read_board(folder: str) -> tuple[Config, dict[str, Any]]:
     except ValueError as error:
         raise InputError(f"{path}: is not JSON: {error}") from None
     if not isinstance(facts, dict) or not facts.keys() >= FACTS_OF_A_BOARD:
-        raise InputError(f"{path}: is no board's; `board write` writes one")
+        raise InputError(f"{path}: not a board's file; `board write` creates one")
     own = facts["preset"] == PRESET
     return find_preset(str(path.with_name(PRESET)) if own else facts["preset"]), facts
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture from a board, [H, W, 3] uint8, and the cycles of both halves."""
+    """A rendered frame: pixels [H, W, 3] uint8, and the cycles of both halves."""
 
     pixels: np.ndarray
     preprocessing: int
@@ -64,9 +66,12 @@ class Frame:
 
 
 class Host(CommUART):
-    """A board on a serial port. facts: those of its `board.json`.
+    """A board on a serial port.
 
-    InputError, naming the port, if it cannot be opened, and if nothing answers.
+    port: name of the serial port
+    config: the machine on the board
+    facts: contents of its `board.json`
+    Raises InputError with the port's name if the port does not open or the board does not answer.
     """
 
     def __init__(self, port: str, config: Config, facts: dict[str, Any]):
@@ -77,35 +82,35 @@ class Host(CommUART):
         }
         try:
             super().__init__(port, facts["baud"])
-        except (OSError, ValueError) as error:  # pyserial's own is one of the former
+        except (OSError, ValueError) as error:  # pyserial's SerialException is an OSError
             raise InputError(f"{port}: {error}") from None
         self.port.timeout = ANSWER_SECONDS
 
     def _read(self, length: int) -> bytes:
-        with self._told():
+        with self._port_errors():
             found = self.port.read(length)
         if len(found) < length:
             raise InputError(f"{self.name}: the board does not answer")
         return found
 
     def _write(self, data: bytes | list[int]):
-        with self._told():
+        with self._port_errors():
             super()._write(data)
 
     def _flush(self):
-        with self._told():
+        with self._port_errors():
             super()._flush()
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """A port that is gone is an InputError."""
+    def _port_errors(self) -> Iterator[None]:
+        """Turn an OSError of the port into an InputError."""
         try:
             yield
         except OSError as error:
             raise InputError(f"{self.name}: {error}") from None
 
     def get(self, name: str) -> int:
-        """A register of the machine."""
+        """Read a register of the machine."""
         return self.read(self.at[name])
 
     def put(self, name: str, value: int):
@@ -113,8 +118,7 @@ class Host(CommUART):
         self.write(self.at[name], value)
 
     def begin(self):
-        """Have the SDRAM work, and the machine stand still; InputError if it is not the one that is
-        expected."""
+        """Start the SDRAM and abort the machine's frames; InputError for another machine."""
         time.sleep(BROKEN_OFF_SECONDS)
         for address, value, seconds in self.facts["start"]:
             self.write(address, value)
@@ -122,51 +126,52 @@ class Host(CommUART):
         known = {each.name: each.value for each in registers.control_registers(self.config)}
         for name in ("ID", "VERSION", "PICTURE_MAX"):
             if (found := self.get(name)) != known[name]:
-                text = f"{name} is {found:#x}, of preset {self.config.name} {known[name]:#x}"
+                text = f"{name} is {found:#x}; preset {self.config.name} has {known[name]:#x}"
                 raise InputError(f"{self.name}: {text}")
         self.put("CONTROL", registers.ABORT)
-        self._until(lambda: self.get("STATUS") == registers.READY, "does not come to rest")
+        self._until(lambda: self.get("STATUS") == registers.READY, "machine not ready")
 
-    def load(self, address: int, content: np.ndarray, tell: Callable[[int, int], None]):
-        """Write bytes into memory. tell: progress, of bytes and of all there are."""
+    def load(self, address: int, content: np.ndarray, progress: Callable[[int, int], None]):
+        """Write bytes into memory; progress: called with bytes done and bytes in all."""
         padded = np.pad(content, (0, -len(content) % WORD))
         words = padded.view("<u4").tolist()
         for k in range(0, len(words), WRITE_WORDS):
             self.write(address + WORD * k, words[k : k + WRITE_WORDS])
-            tell(WORD * k, len(padded))
+            progress(WORD * k, len(padded))
 
-    def fetch(self, address: int, size: int, tell: Callable[[int, int], None]) -> np.ndarray:
-        """Bytes of memory, a whole number of words."""
+    def fetch(self, address: int, size: int, progress: Callable[[int, int], None]) -> np.ndarray:
+        """Read `size` bytes of memory, a whole number of words; progress as in `load`."""
         words: list[int] = []
         while (left := size // WORD - len(words)) > 0:
             words += self.read(address + WORD * len(words), min(left, READ_WORDS))
-            tell(WORD * len(words), size)
+            progress(WORD * len(words), size)
         return np.array(words, "<u4").view(np.uint8)
 
-    def frame(self, job: Job, tell: Callable[[int, int | None, str], None]) -> Frame:
-        """Render a frame. tell: progress, bytes and of how many, and of what.
+    def frame(self, job: Job, progress: Callable[[int, int | None, str], None]) -> Frame:
+        """Render a frame.
 
-        InputError says what the machine tells, or that it does not come to an end.
+        progress: called with bytes done, bytes in all (None: unknown) and the current step
+        Raises InputError with the machine's error, or if the frame takes too long.
         """
         memory, camera = self.facts["memory"], job.camera
         areas = place_in(self.config, job.model, camera, memory["at"], memory["bytes"])
 
-        def telling(label: str) -> Callable[[int, int], None]:
-            return lambda done, total: tell(done, total, label)
+        def labelled(label: str) -> Callable[[int, int], None]:
+            return lambda done, total: progress(done, total, label)
 
-        self.load(areas.models[0], job.model.image, telling("loading the model"))
+        self.load(areas.models[0], job.model.image, labelled("loading the model"))
         for name, value in frame_values(self.config, job, 0, areas, 0).items():
             self.put(name, value)
-        tell(0, None, "rendering")
+        progress(0, None, "rendering")
         self._run()
         row, height = stride(camera.width), camera.height
-        rows = self.fetch(areas.images[0], row * height, telling("fetching the picture"))
+        rows = self.fetch(areas.images[0], row * height, labelled("fetching the picture"))
         pixels = rows.reshape(height, row)[:, : camera.width * PIXEL]
         cycles = [self.get(f"{half}_CYCLES") for half in ("PREPROCESSING", "RENDERING")]
         return Frame(pixels.reshape(height, camera.width, PIXEL), *cycles)
 
     def _run(self):
-        """START, and wait for the frame's end."""
+        """Start a frame and wait for its end; abort it on an error."""
         self.put("ERROR", 0)
         self.put("INTERRUPT", self.get("INTERRUPT"))
         self.put("CONTROL", registers.START)
@@ -177,21 +182,21 @@ class Host(CommUART):
             raise
 
     def _until(self, done: Callable[[], bool], failed: str):
-        """Wait; InputError, with what has failed, if it takes too long."""
+        """Wait until `done()`; raise InputError with `failed` after FRAME_SECONDS."""
         end = time.monotonic() + FRAME_SECONDS
         while not done():
             if time.monotonic() > end:
                 raise InputError(f"{self.name}: {failed} within {FRAME_SECONDS:g} s")
 
     def _ended(self) -> bool:
-        """A frame is complete; InputError, with what the machine tells, if it is given up."""
+        """Whether the frame is complete; InputError with the machine's error if it failed."""
         events = self.get("INTERRUPT")
         if events & registers.INTERRUPT_ERROR:
             raise InputError(f"{self.name}: {self._error()}")
         return bool(events & registers.INTERRUPT_FRAME)
 
     def _error(self) -> str:
-        """What the machine says in ERROR, in words."""
+        """ERROR as text."""
         code, detail, _ = registers.split_error(self.get("ERROR"))
         more = f", the lists need {self.get('NEEDED')} pages" if code == ErrorCode.PAGES else ""
         return f"ERROR {code.name}, detail {detail}{more}"

@@ -1,4 +1,4 @@
-"""The memory of a board: places of a model, a picture and all that a frame needs in between."""
+"""Memory map of a board: the model, the picture, the work area and scratch memory."""
 
 from splatcore.sim.machine.areas import Areas
 from splatcore.spec.binning import PAGE_BITS
@@ -13,9 +13,10 @@ MIB = 1 << 20
 
 
 def place_in(config: Config, model: PackedModel, camera: Camera, at: int, size: int) -> Areas:
-    """Areas for one frame at a time in memory of `size` bytes that begins at an address.
+    """Place the areas for one frame at a time in a board's memory.
 
-    Lists have all that is left. InputError if nothing is.
+    at, size: address and bytes of the memory
+    List pages get the rest of the memory. Raises InputError if not one page fits.
     """
     features = max(1, len(model))
     scratch = at + aligned(len(model.image))
@@ -26,7 +27,7 @@ def place_in(config: Config, model: PackedModel, camera: Camera, at: int, size: 
     if pages < 1:
         need = (size - left) / MIB
         text = f"{len(model)} Gaussians at {camera.width}x{camera.height} take {need:.1f} MiB"
-        raise InputError(f"{text} and lists, the board has {size / MIB:g}")
+        raise InputError(f"{text} and lists; the board has {size / MIB:g} MiB")
     offsets = work(config, pages, features)
     values = {"WORK_AREA": 0, "LISTS_PAGES": pages, "FEATURES_MAX": features}
     for name, begin in (

@@ -1,8 +1,7 @@
-"""The machine as a part of a LiteX system: a host on a UART, its registers, SDRAM that all share.
+"""A LiteX system with the machine: a host on a UART, the machine's registers, shared SDRAM.
 
-LiteX and LiteDRAM make what is around the machine: the UART as a master of the bus (UARTBone), the
-SDRAM's controller and its AXI4 port, clocks and pins. `add_machine` puts it into a system of any
-other board in the same way.
+LiteX and LiteDRAM provide the surroundings: the UART as a bus master (UARTBone), the SDRAM's
+controller and its AXI4 port, clocks and pins. `add_machine` works for systems of other boards too.
 """
 
 import json
@@ -38,10 +37,10 @@ from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
 REGISTERS, REGISTERS_BYTES = 0x3000_0000, 1 << LITE_ADDRESS_BITS
-"""Where the machine's registers are on the bus, and how many bytes the region has."""
+"""Bus address of the machine's registers, and size of their region in bytes."""
 
 MEMORY = "main_ram"
-"""LiteX's name of the SDRAM's region."""
+"""LiteX's name for the SDRAM's region."""
 
 SIMULATED_PINS = [
     ("sys_clk", 0, Pins(1)),
@@ -51,7 +50,8 @@ SIMULATED_PINS = [
 
 BITS = {"COMMAND_CS": 1, "COMMAND_WE": 2, "COMMAND_CAS": 4, "COMMAND_RAS": 8}
 BITS |= {"CONTROL_SEL": 1, "CONTROL_CKE": 2, "CONTROL_ODT": 4, "CONTROL_RESET_N": 8}
-"""Of LiteDRAM's registers by which software drives the SDRAM's pins, and gives them back (SEL)."""
+"""Bits of the LiteDRAM registers with which software drives the SDRAM's pins; SEL hands the pins
+back to the controller."""
 
 
 class System(SoCCore):
@@ -73,7 +73,7 @@ class System(SoCCore):
 
 
 def add_machine(system: SoCCore, config: Config):
-    """Put the machine into a system that has SDRAM: registers on its bus, a port of its memory."""
+    """Add the machine to a system with SDRAM: its registers on the bus, its master on the SDRAM."""
     memory = AXIInterface(config.port, ADDRESS_BITS, id_width=ID_BITS)
     host = AXILiteInterface(LITE_DATA_BITS, ADDRESS_BITS)
     wires = {"i_clk": ClockSignal("sys"), "i_rst": ResetSignal("sys")}
@@ -95,7 +95,12 @@ def add_machine(system: SoCCore, config: Config):
 
 
 def ulx3s(config: Config, clock_hz: int, baud: int, sdram: str) -> System:
-    """The system for a ULX3S with an LFE5U-85F. sdram: its chip, by LiteDRAM's name."""
+    """The system for a ULX3S with an LFE5U-85F.
+
+    clock_hz: clock of machine and SDRAM
+    baud: of the UART
+    sdram: the SDRAM chip, by LiteDRAM's name
+    """
     platform = radiona_ulx3s.Platform(device="LFE5U-85F", revision="2.0", toolchain="trellis")
     clocks = Ulx3sClocks(platform, clock_hz)
     module = getattr(modules, sdram)(clock_hz, "1:1")
@@ -104,8 +109,8 @@ def ulx3s(config: Config, clock_hz: int, baud: int, sdram: str) -> System:
 
 
 def simulated(config: Config, clock_hz: int, baud: int, sdram: str) -> System:
-    """The same system for simulation: pins of clock, reset and UART, and LiteDRAM's model of the
-    SDRAM, which says if a command comes too early."""
+    """The same system for simulation: pins for clock, reset and UART, and LiteDRAM's SDRAM model,
+    which reports commands that violate its timing."""
     platform = SimPlatform("SIM", SIMULATED_PINS)
     clocks = CRG(platform.request("sys_clk"), platform.request("sys_rst"))
     module = getattr(modules, sdram)(clock_hz, "1:1")
@@ -114,14 +119,16 @@ def simulated(config: Config, clock_hz: int, baud: int, sdram: str) -> System:
 
 
 def check_board(config: Config):
-    """InputError for a machine whose addresses the system's bus does not have."""
+    """Raise InputError for a machine with 64-bit addresses."""
     if window_bits(config):
         raise InputError(f"preset {config.name}: address_bits 64: a board's bus has 32 bits")
 
 
 def start_of(system: System) -> list[tuple[int, int, float]]:
-    """What a host writes before the SDRAM of a finalized system works: address on the bus, value,
-    seconds to wait then."""
+    """The SDRAM's start-up sequence for a finalized system.
+
+    Returns the host's writes in order: bus address, value, seconds to wait afterwards.
+    """
     registers = json.loads(get_csr_json(system.csr_regions))["csr_registers"]
     at = {name.removeprefix("sdram_dfii_"): each["addr"] for name, each in registers.items()}
     sequence, _ = init.get_sdram_phy_init_sequence(*system.settings)

@@ -80,7 +80,7 @@ def pack_command(
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, tell)
         else:
-            packed = choose(original, config, seen, quality, tell=tell)
+            packed = choose(original, config, seen, quality, progress=tell)
         losses = psnr_by_part(original, packed.model, seen, tell)
     parts = bytes_by_part(packed.model)
     for line in packed.report.notes:

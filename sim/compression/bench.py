@@ -1,8 +1,7 @@
-"""The benchmark of compression: the paper's tables, and the work that is left for the machine.
+"""The benchmark of compression: the paper's tables, and the machine's work on compressed models.
 
-Its parts: quality and work after each step, pruning schedules, ratio against loss, the errors of
-model and machine side by side, and power after each step. What is in the folder already is not made
-again.
+Parts: quality and work after each step, pruning schedules, ratio against loss, errors of model and
+machine, and power after each step. Results that are already in the folder are reused.
 """
 
 import json
@@ -26,22 +25,22 @@ from splatcore.spec.error import InputError
 PARTS = ("steps", "schedule", "curve", "budget", "power")
 
 BY_ITSELF = PARTS[:-1]
-"""Parts that are measured if none is named: those that need no RTL."""
+"""Parts that are measured by default: all that need no RTL."""
 
 RESULT = "compression.json"
 
 RATIOS = (10, 15, 20, 30, 40, 51.6, 75, 100)
 
-SHORT_OF = 0.98  # share of a target ratio from which it counts as reached
+SHORT_OF = 0.98  # minimum share of a target ratio that counts as reached
 
 
 def left(schedule: Sequence[float]) -> float:
-    """Share of the Gaussians that a schedule leaves."""
+    """Share of the Gaussians that remain after a schedule."""
     return prod(1 - rate for rate in schedule)
 
 
 def equal_rates(count: int, schedule: Sequence[float] = Recipe.schedule) -> tuple[float, ...]:
-    """So many equal rates that leave what a schedule leaves."""
+    """`count` equal rates that leave the same share of Gaussians as a schedule."""
     return (round(1 - left(schedule) ** (1 / count), 6),) * count
 
 
@@ -49,11 +48,11 @@ SCHEDULES = (
     Recipe.schedule, equal_rates(1), (0.4, 0.4, 0.4, 0.4), (0.4, 0.4, 0.4, 0.3),
     (0.4, 0.4, 0.4, 0.1), equal_rates(5),
 )  # fmt: skip
-"""Compared with each other; the second and the last leave what the first one leaves."""
+"""Schedules to compare; the second and the last leave as many Gaussians as the first."""
 
 
 class Bench:
-    """One subject's parts."""
+    """The benchmark of one subject; methods named in `PARTS` measure its parts."""
 
     def __init__(
         self,
@@ -67,7 +66,7 @@ class Bench:
         self.measure = Measurer(folder / "measured", subject, self.config)
 
     def facts(self) -> dict:
-        """The subject: its kind, its views, its size."""
+        """Properties of the subject: its truth, views and size."""
         subject, first = self.subject, self.subject.views[0].camera
         return {
             "against": "photographs" if subject.photographed else "original",
@@ -77,12 +76,12 @@ class Bench:
         }  # fmt: skip
 
     def run(self, **changes) -> Run:
-        """The run of the recipe with some values changed."""
+        """A run of the recipe with some values changed."""
         recipe = replace(self.recipe, **changes)
         return Run(self.folder / "runs", self.subject, recipe, self.config)
 
     def row(self, version: Version, step: Step) -> dict:
-        """A step's size and quality, and how that differs from the original's."""
+        """A step's size and quality, and the changes of quality from the original."""
         first, found = self.measure.quality(original(self.subject)), self.measure.quality(version)
         change = {
             f"{name}_change": None if None in (found[name], first[name]) else
@@ -95,11 +94,11 @@ class Bench:
         return row | (self.measure.beside(version) if self.subject.beside else {})
 
     def worked(self, version: Version, step: Step) -> dict:
-        """The same, and the machine's work."""
+        """A step's `row` with the machine's work."""
         return self.row(version, step) | {"work": self.measure.work(version)}
 
     def steps(self) -> dict:
-        """Every step of the recipe: size, quality, the machine's work; the last one's pictures."""
+        """Size, quality and the machine's work after every step; writes the last step's sheet."""
         run, rows = self.run(), []
         run.finish()
         for step in run.checkpoints.steps:
@@ -111,7 +110,7 @@ class Bench:
         return {"recipe": asdict(self.recipe), "rows": rows}
 
     def sheet(self, version: Version, row: dict):
-        """Original, compressed and FLIP of the first held-out view, as DIR/NAME.png."""
+        """Write DIR/NAME.png: truth, compressed model and FLIP map of the first held-out view."""
         path = self.folder / f"{self.subject.name}.png"
 
         def make() -> dict:
@@ -123,7 +122,7 @@ class Bench:
         kept(self.folder / "measured", ["sheet", self.subject.key, version.about], make)
 
     def schedule(self) -> dict:
-        """Pruning schedules with the same number of fine-tuning steps in all."""
+        """Compare pruning schedules with the same total number of fine-tuning steps."""
         total, rows = self.recipe.steps * len(self.recipe.schedule), []
         for schedule in SCHEDULES:
             count = round(total / len(schedule))
@@ -140,7 +139,7 @@ class Bench:
         return {"steps_in_all": total, "rows": rows, "original": first}
 
     def curve(self) -> dict:
-        """Quality and the machine's work by ratio; what packing alone gives comes first."""
+        """Quality and the machine's work by ratio, first for packing alone."""
 
         def alone():
             return pack(self.subject.scene, self.config, **self.recipe.packing)[0]
@@ -167,7 +166,7 @@ class Bench:
         return {"recipe": asdict(self.recipe), "points": points}
 
     def point(self, run: Run, ratio: float) -> dict:
-        """A compression to a ratio; `note` says so if it is not reached."""
+        """Compress to a ratio; `note` has a text if it is not reached."""
         try:
             step = run.finish()
         except InputError as error:
@@ -176,18 +175,18 @@ class Bench:
             return {"target_ratio": ratio, "ratio": None, "note": str(error)}
         point = {"target_ratio": ratio, "note": ""} | self.worked(left_by(run, step), step)
         if point["ratio"] < SHORT_OF * ratio:
-            point["note"] = f"only {point['ratio']:.1f}× was reached"
+            point["note"] = f"reached only {point['ratio']:.1f}×"
         run.slim()
         return point
 
     def budget(self) -> dict:
-        """Errors of the model and of the machine side by side."""
+        """Errors of the model, of the machine and of both."""
         run = self.run()
         return self.measure.budget(left_by(run, run.finish()))
 
     def power(self) -> dict:
-        """After each step what the machine takes of the first held-out view, in RTL."""
-        from splatcore.sim.compression.power import powers  # takes a second
+        """Estimated power of the first held-out view in RTL after each step."""
+        from splatcore.sim.compression.power import powers  # slow import
 
         run = self.run()
         run.finish()
@@ -203,10 +202,13 @@ def bench_compression(
     folder: Path,
     cells: tuple[Library, float] | None = None,
 ) -> dict:
-    """Measure all subjects; what cannot be is in "failed", and the others' results stay.
+    """Measure parts of all subjects; failures are listed in "failed".
 
-    Schedules are compared on the subject of the name `schedule_scene`. cells: a library and its
-    process in nm; power is told in these, too. RESULT is written after each part.
+    paths: scene files or folders of photographs
+    schedule_scene: name of the subject on which pruning schedules are compared
+    ratios: target ratios of part "curve"
+    cells: a library and its process in nm, to estimate power in its cells as well
+    Writes RESULT after each part.
     """
     facts = before(protocol, folder)
     for path in paths:
@@ -230,15 +232,15 @@ def bench_compression(
 
 
 def why(error: Exception) -> str:
-    """An error in a line."""
+    """An error as one line."""
     if isinstance(error, MemoryError):
-        return "memory exhausted"
+        return "out of memory"
     text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
     return " ".join(text.split())
 
 
 def before(protocol: Protocol, folder: Path) -> dict:
-    """The folder's results: those of scenes and parts that are not asked for now stay."""
+    """Earlier results in the folder, kept if they were measured with the same options."""
     head = {"preset": protocol.config.name, "size": list(protocol.size)}
     head |= {name: getattr(protocol, name) for name in ("degree", "quality", "beside", "seed")}
     try:

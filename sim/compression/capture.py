@@ -1,5 +1,5 @@
-"""A capture made of a scene: its pictures from many views, with poses and points as COLMAP has
-them, to train on as on photographs."""
+"""Capture of a scene: rendered pictures from many views with poses and points in COLMAP's format,
+to train on like photographs."""
 
 import tempfile
 from collections.abc import Iterable, Sequence
@@ -21,25 +21,27 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
 
 SHOWN = 0.5
-"""Light that a Gaussian gives a picture that shows its point: Σ alpha·T over the pixels. What is
-behind the camera gives none."""
+"""Minimum Σ alpha·T over the pixels for a picture to show a Gaussian's point; 0 behind the camera.
+"""
 
-IMAGES_OF_POINT = 2  # pictures that show a point, at least: from one COLMAP cannot tell its depth
+IMAGES_OF_POINT = 2  # minimum pictures that show a point: COLMAP cannot get depth from one
 
 IMAGES, SPARSE = "images", Path("sparse", "0")
-"""Folders of a capture: its pictures, its cameras and points."""
+"""Folders of a capture: pictures; cameras and points."""
 
 
 def check_empty(folder: Path):
-    """InputError for a folder that holds anything."""
+    """Raise InputError if a folder exists and is not empty."""
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError(f"{folder}: is not empty")
 
 
 @contextmanager
 def whole_capture(folder: Path):
-    """A place to write a capture to; at its end it comes into `folder`, the pictures first, so
-    that nobody reads half of it. A failure leaves nothing."""
+    """Yield a temporary folder; on success move its content into `folder`, pictures first.
+
+    So no reader sees an incomplete capture, and a failure leaves nothing.
+    """
     make_folder(folder)
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".splatcore") as scratch:
@@ -54,10 +56,10 @@ def whole_capture(folder: Path):
 
 
 def stored_cameras(folder: Path, views: Sequence[Camera]) -> list[Camera]:
-    """Write the poses of views; the cameras, by the views' names, that a reader has of them.
+    """Write the poses of views; return the cameras as read back from the files.
 
-    A pose is stored as a quaternion, whose matrix may differ in the last bit: pictures by these
-    cameras are those that the folder's reader expects, every bit of them.
+    A pose is stored as a quaternion, which can change its matrix in the last bit. Pictures from
+    the returned cameras match the stored poses bit for bit.
     """
     write_colmap(folder / SPARSE, named(views))
     found = [camera for camera, _ in read_colmap(folder)]
@@ -65,13 +67,15 @@ def stored_cameras(folder: Path, views: Sequence[Camera]) -> list[Camera]:
 
 
 def named(views: Sequence[Camera]) -> list[tuple[Camera, str]]:
-    """Views, each with the file name of its picture."""
+    """Pairs of a view and the file name of its picture."""
     return [(view, f"{view.name}.png") for view in views]
 
 
 def photograph(source: Source, view: Camera) -> dict:
-    """In a process: the picture by the reference, and `shows`, packed bits [N]: the Gaussians whose
-    centres it shows."""
+    """Worker: render a view by the reference.
+
+    Returns `pixels`, `counts`, and `shows`: packed bits [N], Gaussians whose centre is visible.
+    """
     from splatcore.golden.reference import render
     from splatcore.model.gradients.drawn import blending_weights
 
@@ -84,7 +88,7 @@ def photograph(source: Source, view: Camera) -> dict:
 
 
 def written(folder: Path, views: Sequence[Camera], rows: Iterable[dict]) -> list[np.ndarray]:
-    """Write the pictures of rows of `photograph` as they come; their `shows`."""
+    """Write the pictures of `photograph` as they arrive; return their `shows`."""
     shows = []
     for (_, name), row in zip(named(views), rows, strict=True):
         write_png(folder / IMAGES / name, row["pixels"])
@@ -95,12 +99,14 @@ def written(folder: Path, views: Sequence[Camera], rows: Iterable[dict]) -> list
 def points_of(
     scene: Scene, shows: Sequence[np.ndarray], count: int, seed: int
 ) -> tuple[Points, list[np.ndarray]]:
-    """Up to `count` of the scene's Gaussians as points, and for each picture which of them it
-    shows, by their indices.
+    """Choose Gaussians as COLMAP points.
 
-    They are drawn at random among those that two pictures show, in proportion to their opacity and
-    to the number of pictures that show them. Their colours are those of harmonics of degree 0.
-    InputError if no two pictures show one.
+    shows: of each picture, from `photograph`
+    count: maximum number of points
+    Returns the points, with colours of harmonics of degree 0, and for each picture the indices of
+    the points that it shows. Points are drawn at random among the Gaussians that two pictures
+    show, with probability in proportion to opacity × number of these pictures.
+    Raises InputError if no Gaussian is in two pictures.
     """
     least = min(IMAGES_OF_POINT, len(shows))
     table = [np.unpackbits(each, count=len(scene)).astype(bool) for each in shows]

@@ -1,7 +1,7 @@
-"""Quality of what compression leaves, the machine's work on it and its error, each measured once.
+"""Measurements of compressed versions: quality, the machine's work and its error.
 
-A measurement is a file under a key that stands for all that decides on it: the view, what is
-rendered, and the code of all that this file imports.
+Each measurement is a file, stored with a key of everything that it depends on: the view, the
+version, and the code of all modules that this file imports.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,15 +29,16 @@ from splatcore.spec.scene import Gaussians, Scene
 
 
 def kept(folder: Path, about: list, make: Callable[[], dict]) -> dict:
-    """The result of `make`, made only if it is not in the folder. about: all that decides on it
-    (see `digest`)."""
+    """Return the result of `make`, from the folder if possible.
+
+    about: everything that the result depends on, for `digest`
+    """
     return kept_in(folder / f"{digest([code_key(kept), about])[:24]}.json", make)
 
 
 @dataclass(frozen=True, eq=False)
 class Version:
-    """A version of a subject: a scene or packed model that is loaded when it is needed. about:
-    stands for it (JSON)."""
+    """A version of a subject: a scene or packed model, loaded on demand. about: its key (JSON)."""
 
     name: str
     about: list
@@ -54,20 +55,22 @@ class Version:
 
     @cached_property
     def model(self) -> PackedModel:
-        """As the machine has it: a scene is packed, and `work` is the same in every quality."""
+        """The packed model; a scene is packed, in any quality, as `work` does not depend on it."""
         loaded = self.loaded
         return loaded if isinstance(loaded, PackedModel) else pack(loaded, self.config)[0]
 
 
 def original(subject: Subject) -> Version:
-    """The subject itself."""
+    """The subject itself as a version."""
     about = [subject.key, "original"]
     return Version("original", about, subject.protocol.config, lambda: subject.scene)
 
 
 def left_by(run: Run, step: Step) -> Version:
-    """The version that a step left. Its seconds and loss, with all their digits, tell runs of the
-    same key apart: one that was removed and made anew is measured anew."""
+    """The version after a step.
+
+    Its key includes the step's seconds and loss, so a repeated run is measured again.
+    """
     if step.kind == "original":
         return original(run.subject)
     about = [run.key, asdict(step)]
@@ -76,15 +79,14 @@ def left_by(run: Run, step: Step) -> Version:
 
 @dataclass(frozen=True, eq=False)
 class Measurer:
-    """Measures versions on a subject's held-out views, means over these; keeps each in a folder."""
+    """Measure versions on a subject's held-out views and average; keep each result in a folder."""
 
     folder: Path
     subject: Subject
     config: Config
 
     def quality(self, version: Version) -> dict:
-        """`psnr_db` (None: equal), `ssim`, `flip`, `lpips`, `max_error` of the reference's 8-bit
-        picture against the truth."""
+        """Metrics of the reference's 8-bit pictures against the truth, as in `compared`."""
 
         def one(view: Target) -> dict:
             return compared(*self._pictures(version, view))
@@ -92,8 +94,10 @@ class Measurer:
         return self._mean("quality", version, one)
 
     def beside(self, version: Version) -> dict:
-        """PSNR in dB (None: equal) beside the path: `psnr_db_beside`, by the names of `BESIDE`, and
-        `psnr_db_beside_mean`."""
+        """PSNR in dB (None: equal) in views off the path.
+
+        Returns `psnr_db_beside`, by the names of `BESIDE`, and `psnr_db_beside_mean`.
+        """
 
         def one(view: Target) -> dict:
             return asdict(difference(*self._pictures(version, view)))
@@ -109,15 +113,17 @@ class Measurer:
         }
 
     def _pictures(self, version: Version, view: Target) -> tuple[np.ndarray, np.ndarray]:
-        """The reference's picture of a version and what it should be; the original itself is the
-        truth where there are no photographs, and is not rendered twice."""
+        """The reference's picture of a version, and the truth.
+
+        Without photographs the original is the truth, and is rendered only once.
+        """
         truth = self.subject.truth(view)
         if version.name == "original" and not self.subject.photographed:
             return truth, truth
         return render(version.gaussians, view.camera).pixels, truth
 
     def work(self, version: Version) -> dict:
-        """The work that the machine has with it: counts of the golden engine, cycles by model."""
+        """The machine's work on a version: golden model's counts, cycle model's cycles."""
 
         def one(view: Target) -> dict:
             frame = pipeline.render(self.config, version.model, view.camera)
@@ -130,8 +136,12 @@ class Measurer:
         return found | {"fps_at_800mhz": CLOCK_HZ / found["cycles"]}
 
     def budget(self, version: Version) -> dict:
-        """Errors of a packed model: `model` (its exact picture against the truth), `machine` (the
-        golden engine's against the exact one), `both` (the golden engine's against the truth)."""
+        """Errors of a packed model.
+
+        model: the reference's picture against the truth
+        machine: the golden model's picture against the reference's
+        both: the golden model's picture against the truth
+        """
 
         def one(view: Target) -> dict:
             truth, model = self.subject.truth(view), version.model
@@ -149,8 +159,7 @@ class Measurer:
         one: Callable[[Target], dict],
         views: Sequence[Target] | None = None,
     ) -> dict:
-        """The mean over views, the held-out ones unless others are named, of the results of
-        `one`."""
+        """The mean of `one` over views, by default the held-out ones."""
         rows = []
         for view in views or self.subject.views:
             about = [kind, self.subject.key, view.name, view.camera, repr(self.config)]
@@ -160,14 +169,16 @@ class Measurer:
 
 
 def compared(picture: np.ndarray, truth: np.ndarray) -> dict:
-    """All metrics of an 8-bit picture [H, W, 3] against what it should be."""
+    """Compare 8-bit pictures [H, W, 3]: psnr_db (None: equal), ssim, max_error, flip, lpips."""
     found = asdict(difference(picture, truth))
     return found | {"flip": flip(picture, truth), "lpips": lpips(picture, truth)}
 
 
 def mean(rows: list[dict]) -> dict:
-    """Of each number its mean over the views that have it (None: no view has), of `max_error` the
-    largest, and of PSNR also the least; rows may hold rows."""
+    """Average each number over the views that have it; None if none has.
+
+    `max_error` is the maximum instead, and `psnr_db_min` is added. Rows may contain rows.
+    """
     found = {}
     for name in rows[0]:
         values = [row[name] for row in rows if row[name] is not None]

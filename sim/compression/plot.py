@@ -1,5 +1,4 @@
-"""Pictures of `splatcore bench compression`: curves of loss against ratio, bytes for each Gaussian
-of the scene and frames a second; contact sheets."""
+"""Plots of `splatcore bench compression`: curves of PSNR against size and speed; contact sheets."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,24 +24,25 @@ AGAINST = {
     "photographs": ("psnr_db_change", "PSNR change on held-out photographs, dB", 51.6, -0.75),
     "original": ("psnr_db", "PSNR against the original, dB", 20, 30.0),
 }
-"""Value that is drawn of a scene, axis, and the bound: at least this ratio and this many dB."""
+"""By kind of truth: key of the value to plot, axis label, and the goal (minimum ratio and dB)."""
 
 
 ratio_of = itemgetter("ratio")
 
 ACROSS: dict[str, Callable[[dict], float]] = {
-    "smaller than the float32 PLY, times; a cross is packing alone": ratio_of,
-    "bytes for each Gaussian of the scene": lambda point: point["bytes_each"],
-    "frames a second at 800 MHz, by the cycle model": lambda point: point["work"]["fps_at_800mhz"],
+    "compression ratio to the float32 PLY (cross: packing alone)": ratio_of,
+    "bytes per Gaussian of the original scene": lambda point: point["bytes_each"],
+    "frames per second at 800 MHz, by the cycle model": lambda point: point["work"][
+        "fps_at_800mhz"
+    ],
 }
-"""Axes across, and what of a point lies along them; the bound is one of the first."""
+"""Labels of the x axes, and the value of a point on each; the goal is on the first."""
 
 
 def write_curve(path: Path, scenes: dict[str, dict]):
-    """Loss of all scenes along each of `ACROSS`, a row for each kind of truth; nothing without
-    points.
+    """Plot PSNR of all scenes over each x axis, one row per kind of truth; nothing without points.
 
-    Lines go from ratio to ratio. A cross is packing alone; a grey corner marks the bound.
+    Lines connect points in order of ratio. A cross is packing alone; grey lines mark the goal.
     """
     rows = {
         against: {
@@ -65,7 +65,7 @@ def write_curve(path: Path, scenes: dict[str, dict]):
 
 @contextmanager
 def figure_at(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """A figure of so many inches to draw on, written to `path` as PNG at the end."""
+    """Yield a figure (width and height in inches) to draw on; write it to `path` as PNG."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((width, height), DOTS_PER_INCH, layout="constrained")
         yield figure
@@ -73,7 +73,7 @@ def figure_at(path: Path, width: float, height: float) -> Iterator[Figure]:
 
 
 def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]], across: str):
-    """The curves of the scenes that are judged alike."""
+    """Draw the curves of scenes with the same kind of truth."""
     value, label, _, _ = AGAINST[against]
     of = ACROSS[across]
     for k, (name, points) in enumerate(scenes.items()):
@@ -92,7 +92,7 @@ def _panel(axes: Axes, against: str, scenes: dict[str, list[dict]], across: str)
 
 
 def _mark(axes: Axes, against: str):
-    """The bound, a grey corner."""
+    """Draw the goal as two grey lines."""
     _, _, ratio, least = AGAINST[against]
     axes.axhline(least, color=GREY, linestyle="--")
     axes.axvline(ratio, color=GREY, linestyle="--")
@@ -103,14 +103,14 @@ def _mark(axes: Axes, against: str):
 
 
 def write_sheet(path: Path, subject: Subject, view: Target, version: Version, row: dict):
-    """Truth, compressed model and FLIP between them, beside each other. row: of `version`."""
+    """Write truth, compressed model and their FLIP map side by side. row: of `version`."""
     truth = subject.truth(view)
     picture = render(version.gaussians, view.camera).pixels
     psnr = "equal" if row["psnr_db"] is None else f"{row['psnr_db']:.2f} dB"
     titles = {
         "photograph" if subject.photographed else "original": truth,
         f"{version.name}: {row['ratio']:.1f}×, {psnr} over all views": picture,
-        "FLIP, dark is equal": flip_map(picture, truth),
+        "FLIP error map (dark: equal)": flip_map(picture, truth),
     }
     height, width = truth.shape[:2]
     with figure_at(path, 18, 6 * height / width + 0.5) as figure:

@@ -1,7 +1,7 @@
-"""Power by compression: what the machine takes after each step, an ESTIMATE (see `sim.power`).
+"""ESTIMATE of power after each step of compression (see `sim.power`).
 
-Each step's scene is packed as the machine reads it and rendered in RTL, which counts what switches
-and compares the picture with the golden model's.
+Each step's scene is packed for the machine and rendered in RTL simulation, which counts switching
+and checks the picture against the golden model.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,10 @@ from splatcore.spec.scene import Scene
 
 
 def powers(run: Run, view: Target, cells: tuple[Library, float] | None) -> dict:
-    """The view, the cells if there are some, and `rows_of`. cells: a library, and its nm."""
+    """Measure all steps of a run: the view, the library, and `rows_of`.
+
+    cells: a library and its process in nm, if power is to be estimated in cells
+    """
     camera = view.camera
     named = {"library": cells[0].name, "process_nm": cells[1]} if cells else {}
     rows = list(rows_of(run, view, cells))
@@ -33,10 +36,10 @@ def powers(run: Run, view: Target, cells: tuple[Library, float] | None) -> dict:
 
 
 def rows_of(run: Run, view: Target, cells: tuple[Library, float] | None) -> Iterator[dict]:
-    """A row for each step of a finished run: the model that the machine reads, cycles and bytes of
-    a frame of `view`, W at the paper's frames a second (fewer where the machine renders fewer).
+    """Yield a row per step of a finished run: model, cycles and bytes per frame of `view`, W.
 
-    InputError if the machine's picture is not the golden model's.
+    Power is at the paper's frames per second, or at the machine's maximum if that is lower.
+    Raises InputError if the machine's picture is not the golden model's.
     """
     config = run.config
     with progress_bar("synthesising the machine") as advance:
@@ -56,7 +59,7 @@ def rows_of(run: Run, view: Target, cells: tuple[Library, float] | None) -> Iter
 
 
 def as_read(left: Scene | PackedModel, config: Config) -> PackedModel:
-    """What a step left as the machine reads it, with all harmonics that the scene still has."""
+    """A step's result as a packed model, with all remaining harmonics that the machine renders."""
     if isinstance(left, PackedModel):
         return left
     degree = min(left.sh_degree, config.sh_degree)
@@ -64,13 +67,13 @@ def as_read(left: Scene | PackedModel, config: Config) -> PackedModel:
 
 
 def about(step: Step, model: PackedModel) -> dict:
-    """A step, and the size of the model in memory."""
+    """The step, and the size of its model in memory."""
     facts = {"step": step.name, "kind": step.kind, "gaussians": len(model)}
     return facts | {"sh_degree": model.format.sh_degree, "bytes": len(model.image)}
 
 
 def watts(found: Estimate, fps: float) -> dict:
-    """W of the chip, of it leakage, and of DRAM; J of a frame on the chip."""
+    """W of the chip, of its leakage and of DRAM; J per frame of the chip."""
     power = found.power(fps)
     return {
         "power_w": power, "leakage_w": found.leakage, "dram_w": sum(found.dram.values()) * fps,

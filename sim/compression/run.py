@@ -1,4 +1,4 @@
-"""Training and compression for commands: progress bars, and PyTorch imported when it is needed."""
+"""Training and compression for commands: with progress bars, and PyTorch imported on demand."""
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import contextmanager
@@ -23,32 +23,36 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 BESIDE_SHARE = 1.0
-"""Share of a teacher's views that lie beside the path: of those tried on leica-sofort the one with
-which the mean loss beside the path stays within 1 dB of that on it (docs/compression.md)."""
+"""Share of a teacher's views that are off the path. On leica-sofort it keeps the mean loss off the
+path within 1 dB of the loss on the path (docs/compression.md)."""
 
 
 def check_installed():
-    """InputError without PyTorch: raised before the work, not after it."""
+    """Raise InputError if PyTorch is missing. Call this before long work."""
     if find_spec("torch") is None:
-        raise InputError("needs PyTorch; install it by pip install 'splatcore[compress]'")
+        raise InputError("needs PyTorch: pip install 'splatcore[compress]'")
 
 
 @contextmanager
 def progress(label: str):
-    """A progress bar; yields the callback that training and compression take."""
+    """Show a progress bar; yield the callback for training and compression."""
     with progress_bar(label) as advance:
 
-        def tell(what: str, done: int, total: int, loss: float | None = None):
+        def report(phase: str, done: int, total: int, loss: float | None = None):
             shown = "" if loss is None else f", loss {loss:.5f}"
-            advance(done, total, f"{label}: {what}{shown}")
+            advance(done, total, f"{label}: {phase}{shown}")
 
-        yield tell
+        yield report
 
 
 def photographs(
     path: str, scale: float, every: int, reading: Reading = AS_STATED
 ) -> tuple[tuple, tuple]:
-    """Photographs to learn from and held-out ones; says what is odd about them."""
+    """Read photographs and print notes on them; return training and held-out targets.
+
+    scale: factor of the pictures' sides
+    every: one in `every` photographs is held out
+    """
     found = read_photographs(path, scale)
     for note in found.notes:
         messages.print(f"{path}: {note}", markup=False, soft_wrap=True)
@@ -66,11 +70,11 @@ def trained(
     label: str,
     antialiased: bool = False,
 ) -> Scene:
-    """The baseline of a folder of photographs; `antialiased` is that of `train`."""
+    """Train the baseline of a folder of photographs. antialiased: as in `train`."""
     from splatcore.model.compress.train import train
 
-    with progress(f"{label}: training") as tell:
-        return train(targets, read_points(path), steps, seed, folder, tell, antialiased)
+    with progress(f"{label}: training") as report:
+        return train(targets, read_points(path), steps, seed, folder, report, antialiased)
 
 
 def teacher(
@@ -82,15 +86,20 @@ def teacher(
     beside: float = 0.0,
     near: float = NEAR_PLANE,
 ) -> tuple:
-    """The scene's own pictures, to learn from: from all round with that near plane, or on the path
-    of `cameras`, with the share `beside` off it."""
+    """Render the scene's own pictures as training targets.
+
+    count, size: number of views, their width and height
+    cameras: path to follow; empty: views from all around
+    beside: share of the views off the path
+    near: near plane of views from all around
+    """
     from splatcore.model.compress.teacher import teacher_targets
 
     return teacher_targets(scene, count, size, seed, cameras, beside, near)
 
 
 def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int]) -> tuple:
-    """The scene's own pictures from cameras, as wide as `size`."""
+    """Render the scene's own pictures from cameras, scaled to the width of `size`."""
     from splatcore.model.compress.teacher import pictures
 
     sized = [
@@ -103,7 +112,7 @@ def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int]) -> t
 def compressed(
     scene: Scene, targets: tuple, recipe, checkpoints, config, label: str
 ) -> PackedModel:
-    """The scene's packed model; steps that are kept are not done again."""
+    """Compress a scene to a packed model; finished steps in `checkpoints` are reused."""
     from splatcore.golden import pipeline
     from splatcore.model.compress.compress import compress
     from splatcore.sim.cycles.frame import frame_cycles
@@ -112,15 +121,16 @@ def compressed(
         frames = [pipeline.render(config, model, camera) for camera in cameras]
         return CLOCK_HZ / mean(frame_cycles(config, frame).frame for frame in frames)
 
-    with progress(label) as tell:
-        *_, last = compress(scene, targets, recipe, checkpoints, config, tell, None, speed)
+    with progress(label) as report:
+        *_, last = compress(scene, targets, recipe, checkpoints, config, report, None, speed)
     return checkpoints.load(last)
 
 
 class Run:
-    """A compression of a subject by a recipe in a folder of its own within `folder`.
+    """A compression of a subject by a recipe, in its own folder within `folder`.
 
-    Its name stands for all that decides on it, so runs of other options stay beside it.
+    The folder's name contains a digest of everything that the run depends on, so runs with other
+    options are kept.
     """
 
     def __init__(self, folder: Path, subject, recipe: Recipe, config: Config):
@@ -130,15 +140,15 @@ class Run:
         self.checkpoints = Checkpoints(folder / f"{subject.name}-{digest(self.key)[:12]}", self.key)
 
     def finish(self) -> Step:
-        """The last step, "quantize"."""
+        """Run to the last step, "quantize", and return it."""
         return self.until(lambda step: step.kind == "quantize")
 
     def prune(self) -> Step:
-        """The step of the last pruning; the rest of the recipe is not done."""
+        """Run to the last pruning step and return it; the rest of the recipe is not run."""
         return self.until(lambda step: step.kind == "prune", len(self.recipe.schedule))
 
     def until(self, wanted: Callable[[Step], bool], count: int = 1) -> Step:
-        """The `count`-th step that is wanted; the run ends with it, and no step is done twice."""
+        """Run to the `count`-th step for which `wanted` holds, and return it."""
 
         def pick(steps: Iterable[Step]) -> Step | None:
             return next(islice(filter(wanted, steps), count - 1, None), None)
@@ -148,18 +158,20 @@ class Run:
             from splatcore.model.compress.compress import compress, decide
 
             subject = self.subject
-            with progress(subject.name) as tell:
+            with progress(subject.name) as report:
                 about = [
                     subject.scene, subject.targets, self.recipe, self.checkpoints, self.config,
-                    tell, subject.ply_bytes,
+                    report, subject.ply_bytes,
                 ]  # fmt: skip
                 self._begin(decide(*about))
                 step = pick(compress(*about))
         return step
 
     def _begin(self, recipe: Recipe):
-        """Begin with distillation before all pruning, which all recipes of that order and degree
-        share: it is a run of its own. recipe: as `decide` left it."""
+        """Copy the steps of distillation from a run that recipes of this order and degree share.
+
+        Only if distillation comes before pruning. recipe: result of `decide`
+        """
         goal = min(self.config.sh_degree, recipe.highest)
         recipe = replace(recipe, schedule=(), target_ratio=None, steps=0)
         shared = Run(self.folder, self.subject, recipe, self.config)
@@ -176,6 +188,6 @@ class Run:
             self.checkpoints.save(step.name, step.kind, scene, step.seconds, step.loss)
 
     def slim(self):
-        """Remove what all steps but the last one left; a finished run needs it no more."""
+        """Remove the files of all steps except the last; a finished run does not need them."""
         for step in self.checkpoints.steps[:-1]:
             (self.checkpoints.folder / step.file).unlink(missing_ok=True)

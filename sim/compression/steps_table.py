@@ -1,4 +1,4 @@
-"""Tables of `splatcore compress`: what was tried, and the steps."""
+"""Tables of `splatcore compress`: trials and steps."""
 
 from rich.table import Table
 
@@ -7,8 +7,8 @@ from splatcore.sim.common.table import new_table, shown
 
 
 def trials_of(choice: dict) -> Table:
-    """A row for each model that was tried, before it learned."""
-    table = new_table("tried", ("quality", "Gaussians", "bytes", "PSNR, dB", "FPS"))
+    """Table of the trial models, one row each, with their values before fine-tuning."""
+    table = new_table("trial", ("quality", "Gaussians", "bytes", "PSNR, dB", "FPS"))
     for number, trial in enumerate(choice["trials"]):
         chosen = ", chosen" if number == choice["chosen"] else ""
         table.add_row(
@@ -20,7 +20,7 @@ def trials_of(choice: dict) -> Table:
 
 
 def table_of(checkpoints: Checkpoints, original: int) -> Table:
-    """A row for each step: size, loss, time."""
+    """Table of the steps, one row each. original: bytes of the original, for the ratio."""
     headings = ("Gaussians", "SH degree", "bytes", "ratio", "loss", "seconds")
     table = new_table("step", headings)
     for step in checkpoints.steps:

@@ -1,8 +1,9 @@
-"""Subjects of the benchmark of compression: scenes, views to learn from, views to be judged by.
+"""Subjects of the benchmark of compression: scenes with views for training and for evaluation.
 
-A folder of photographs: a baseline is trained on them and judged by those held out. A scene file:
-it is its own teacher, on the path of the cameras beside it or all round, and judged by its pictures
-from views that compression never sees: those cameras themselves, or others all round.
+Folder of photographs: a baseline is trained on some of them and evaluated on the held-out ones.
+Scene file: the scene is its own teacher. Training views follow the path of the cameras in the file
+next to the scene, or are all around it. Evaluation views are those cameras, or others all around;
+compression never sees them.
 """
 
 import os
@@ -33,25 +34,26 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene
 
 SCENES = ("banana", "flowers.spz", "playbot.spz", "skull.sog", "leica-sofort-top8192.ply")
-"""Files of the folder SPLATCORE_SCENES that are compressed if none is named."""
+"""Default subjects, files of the folder SPLATCORE_SCENES."""
 
-HELD_OUT = 7  # every so many-th photograph is held out
+HELD_OUT = 7  # one in 7 photographs is held out
 
 OWN_VIEWS, OWN_SEED = 4, 1_000_003
-"""Held-out views of a scene without a file of cameras, and what their seed has on the teacher's."""
+"""Held-out views of a scene without a camera file, and the offset of their seed from the teacher's.
+"""
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """Options of all subjects; all of them decide on the results."""
+    """Options of all subjects; all of them affect the results."""
 
     config: Config
     steps: int | None = None  # of fine-tuning after each pruning; None: the recipe's
     train_steps: int = 3000  # of a baseline
-    views: int = 480  # of a scene that is its own teacher
-    view_size: tuple[int, int] = (1920, 1080)  # of these, width and height
-    beside: float = compression_run.BESIDE_SHARE  # of these on a path: beside it
-    size: tuple[int, int] = (1920, 1080)  # of the views by which a scene is judged
+    views: int = 480  # training views of a scene that is its own teacher
+    view_size: tuple[int, int] = (1920, 1080)  # of the training views, width and height
+    beside: float = compression_run.BESIDE_SHARE  # share of the training views off a path
+    size: tuple[int, int] = (1920, 1080)  # of the evaluation views
     scale: float = 1.0  # of photographs
     seed: int = 0
     rate: float = Recipe.rate  # of fine-tuning
@@ -62,7 +64,7 @@ class Protocol:
 
     @property
     def recipe(self) -> Recipe:
-        """The default recipe with this number of steps; those of its other parts in proportion."""
+        """The default recipe with `steps` steps, and the steps of other parts in proportion."""
         same = {n: getattr(self, n) for n in ("seed", "rate", "order", "degree", "quality")}
         recipe = Recipe(**same)
         if self.steps is None:
@@ -75,9 +77,9 @@ class Protocol:
 
 
 class Subject:
-    """A scene file or a folder of photographs; everything is made when it is asked for.
+    """A scene file or a folder of photographs; all values are computed on demand.
 
-    folder: where a trained baseline is kept.
+    folder: for trained baselines
     """
 
     def __init__(self, path: str, protocol: Protocol, folder: Path):
@@ -88,12 +90,12 @@ class Subject:
 
     @cached_property
     def photographs(self) -> tuple[tuple, tuple]:
-        """Targets to learn from and targets held out."""
+        """Training and held-out targets."""
         return compression_run.photographs(self.path, self.protocol.scale, HELD_OUT)
 
     @cached_property
     def key(self) -> str:
-        """Stands for all that the original, the targets and the views come from."""
+        """Key of everything that the original, the targets and the views depend on."""
         protocol = self.protocol
         if self.photographed:
             made_from = [protocol.train_steps, protocol.seed, HELD_OUT, self.photographs]
@@ -107,7 +109,7 @@ class Subject:
 
     @cached_property
     def scene(self) -> Scene:
-        """The original: what the file holds, or the baseline, trained once and kept."""
+        """The original scene: from the file, or the baseline, which is trained once and kept."""
         if not self.photographed:
             return open_source(self.path, self.protocol.reading).scene
         place = self.folder / f"{self.name}-{digest(self.key)[:12]}"
@@ -124,12 +126,12 @@ class Subject:
 
     @property
     def ply_bytes(self) -> int:
-        """Size of the original as float32 PLY with all attributes."""
+        """Bytes of the original as float32 PLY with all attributes."""
         return ply_bytes(len(self.scene), self.scene.sh_degree)
 
     @cached_property
     def targets(self) -> tuple:
-        """Pictures that compression learns from."""
+        """Training pictures for compression."""
         if self.photographed:
             return self.photographs[0]
         protocol = self.protocol
@@ -140,14 +142,13 @@ class Subject:
 
     @cached_property
     def path_cameras(self) -> list[Camera]:
-        """Cameras on whose path the teacher's views lie: those of the file beside the scene."""
-        beside = camera_beside(self.path)
-        return self.protocol.reading.seen(read_cameras(beside)) if beside else []
+        """Cameras of the file next to the scene; the training views follow their path."""
+        file = camera_beside(self.path)
+        return self.protocol.reading.seen(read_cameras(file)) if file else []
 
     @cached_property
     def views(self) -> tuple[Target, ...]:
-        """Held-out views, by which compression is judged; their image is None where the original
-        is the truth."""
+        """Held-out views for evaluation; their image is None if the original is the truth."""
         if self.photographed:
             return self.photographs[1]
         source = open_source(self.path, self.protocol.reading)
@@ -164,8 +165,10 @@ class Subject:
 
     @cached_property
     def beside(self) -> dict[str, Target]:
-        """By the names of `BESIDE` a view beside the path: the held-out ones, moved in turn. Empty
-        without a path."""
+        """Views off the path, by the names of `BESIDE`: held-out views, moved in turn.
+
+        Empty without a path.
+        """
         if self.photographed or not self.path_cameras:
             return {}
         cameras = [view.camera for view in self.views]
@@ -174,7 +177,7 @@ class Subject:
         return {name: Target(view, None, f"{view.name} {name}") for name, view in views.items()}
 
     def truth(self, view: Target) -> np.ndarray:
-        """The picture [H, W, 3] that a view should show: the photograph, or the original's."""
+        """The true picture [H, W, 3] of a view: the photograph, or a rendering of the original."""
         if view.image is not None:
             return view.image
         if view.name not in self.pictures:
@@ -183,23 +186,24 @@ class Subject:
 
 
 def find(names: list[str]) -> list[str]:
-    """Paths of the subjects named, else of SCENES; InputError for what is not there.
+    """Find the paths of subjects, by default of SCENES.
 
-    A name is a path, a generated scene, or a file of the folder SPLATCORE_SCENES.
+    names: paths, generated scenes, or files of the folder SPLATCORE_SCENES
+    Raises InputError for a missing file, a packed model or a name used twice.
     """
     place = scene_folder()
     if not names and not place.is_dir():
-        raise InputError(f"{place}: there is no such folder; name a SCENE or set {VARIABLE}")
+        raise InputError(f"{place}: no such folder; name a SCENE or set {VARIABLE}")
     found = []
     for name in names or SCENES:
-        beside = place / name
-        path = name if os.path.exists(name) or name in GENERATORS else str(beside)
-        if path == str(beside) and not beside.exists():
-            raise InputError(f"{name}: there is no such file or folder, here or in {place}")
+        shared = place / name
+        path = name if os.path.exists(name) or name in GENERATORS else str(shared)
+        if path == str(shared) and not shared.exists():
+            raise InputError(f"{name}: no such file or folder, here or in {place}")
         if is_packed(path):
-            raise InputError(f"{name}: is a packed model; compression begins with a scene")
+            raise InputError(f"{name}: is a packed model; compression needs a scene")
         found.append(path)
     titles = [Path(path).resolve().name for path in found]
     if twice := [title for title in titles if titles.count(title) > 1]:
-        raise InputError(f"{twice[0]}: two scenes have this name, and results go by names")
+        raise InputError(f"{twice[0]}: two scenes have this name; results need distinct names")
     return found

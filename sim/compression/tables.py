@@ -1,4 +1,4 @@
-"""Tables of `splatcore bench compression`: on the terminal and as CSV."""
+"""Tables of `splatcore bench compression`, for the terminal and as CSV."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,18 +12,18 @@ from splatcore.sim.compression.bench import PARTS
 
 MEGABYTE, MILLI = 1e6, 1e-3
 
-BESIDE = "psnr_db_beside"  # key of a row: dB by where a view lies
+BESIDE = "psnr_db_beside"  # key of a row: dB off the path, by position of the view
 
 Column = tuple[str, Callable[[dict], str]]
 
 
 def number(name: str, form: str, scale: float = 1.0) -> Callable[[dict], str]:
-    """Prints a value of a row, divided by `scale`; "–" where there is none."""
+    """Formatter of a row's value, divided by `scale`; "–" if it is missing."""
     return lambda row: shown(row.get(name), form, scale)
 
 
 def valued(name: str, form: str) -> Callable[[dict], str]:
-    """Prints a metric with its change against the original."""
+    """Formatter of a row's metric with its change from the original."""
 
     def cell(row: dict) -> str:
         value, change = row.get(name), row.get(f"{name}_change")
@@ -51,16 +51,16 @@ WORK: tuple[Column, ...] = (
 
 
 def tables(name: str, scene: dict) -> Iterator[Table]:
-    """A scene's tables, as far as its parts are there."""
+    """Yield the tables of a scene's measured parts."""
     judged = f"{name}, against the {scene['against']} in {scene['views']} held-out views"
     if rows := rows_of(scene, "steps"):
         step = ("step", lambda row: row["step"])
         columns = (step, *SIZES, *metrics(rows))
-        yield table(f"{judged} (change against the original)", columns, rows)
-        yield table(f"{name}: a frame's work for the machine", (step, *WORK), rows)
+        yield table(f"{judged} (in brackets: change from the original)", columns, rows)
+        yield table(f"{name}: the machine's work per frame", (step, *WORK), rows)
     if "schedule" in scene:
         found = scene["schedule"]
-        title = f"{judged}: pruning, all with {found['steps_in_all']} fine-tuning steps in all"
+        title = f"{judged}: pruning schedules, {found['steps_in_all']} fine-tuning steps in total"
         first = {name: scene[name] for name in ("gaussians", "sh_degree")}
         first |= {"bytes": scene["ply_bytes"], "ratio": 1.0}
         rows = [first | found["original"], *rows_of(scene, "schedule")]
@@ -72,7 +72,7 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
     if rows := rows_of(scene, "curve"):
         columns = (
             ("target", number("target_ratio", "g")), *SIZES,
-            ("bytes each", number("bytes_each", ".2f")), *metrics(rows),
+            ("bytes per Gaussian", number("bytes_each", ".2f")), *metrics(rows),
             ("FPS", number("fps_at_800mhz", ".0f")),
             ("note", lambda row: row["note"]),
         )  # fmt: skip
@@ -87,46 +87,46 @@ def tables(name: str, scene: dict) -> Iterator[Table]:
 
 
 def metrics(rows: list[dict]) -> tuple[Column, ...]:
-    """Columns of quality; LPIPS and PSNR beside the path where they were measured."""
+    """Columns of quality, with LPIPS and PSNR off the path if measured."""
     columns = METRICS + (LPIPS if any(row.get("lpips") is not None for row in rows) else ())
     names = dict.fromkeys(name for row in rows for name in row.get(BESIDE, ()))
     return columns + tuple((f"{name}, dB", beside(name)) for name in names)
 
 
 def beside(name: str) -> Callable[[dict], str]:
-    """Prints PSNR in views beside the path."""
+    """Formatter of the PSNR in a view off the path."""
     return lambda row: shown(row.get(BESIDE, {}).get(name), ".2f")
 
 
 def schedule_text(row: dict) -> str:
-    """A schedule as --schedule takes it."""
+    """A schedule as text, in the syntax of --schedule."""
     return ", ".join(f"{rate:.3g}" for rate in row.get("schedule", ())) or "none"
 
 
 ERRORS = {
     "model": "model: reference against truth",
-    "machine": "machine: golden engine against reference",
-    "both": "both: golden engine against truth",
+    "machine": "machine: golden model against reference",
+    "both": "both: golden model against truth",
 }
 BUDGET: tuple[Column, ...] = (
     ("error", lambda row: ERRORS[row["error"]]), ("PSNR, dB", number("psnr_db", ".2f")),
-    ("least", number("psnr_db_min", ".2f")), ("SSIM", number("ssim", ".5f")),
+    ("lowest", number("psnr_db_min", ".2f")), ("SSIM", number("ssim", ".5f")),
     ("max error", number("max_error", ".4f")),
 )  # fmt: skip
 
 POWER: tuple[Column, ...] = (
     ("step", lambda row: row["step"]), *(column for column in SIZES if column[0] != "ratio"),
-    ("k cycles", number("cycles", ",.0f", 1000)), ("FPS at most", number("fps_at_800mhz", ".0f")),
-    ("MB a frame", number("traffic_bytes", ".2f", MEGABYTE)),
+    ("k cycles", number("cycles", ",.0f", 1000)), ("max FPS", number("fps_at_800mhz", ".0f")),
+    ("MB per frame", number("traffic_bytes", ".2f", MEGABYTE)),
     ("at FPS", number("fps", ".0f")), ("mW", number("power_w", ".0f", MILLI)),
-    ("of it leakage", number("leakage_w", ".0f", MILLI)),
-    ("mJ a frame", number("frame_j", ".2f", MILLI)), ("DRAM, mW", number("dram_w", ".0f", MILLI)),
+    ("leakage, mW", number("leakage_w", ".0f", MILLI)),
+    ("mJ per frame", number("frame_j", ".2f", MILLI)), ("DRAM, mW", number("dram_w", ".0f", MILLI)),
 )  # fmt: skip
 CELLS: Column = ("mW in cells", number("cells_w", ".0f", MILLI))
 
 
 def table(title: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
-    """A table; the first column is text."""
+    """Make a table; the first column and "note" are text."""
     found = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     for heading, _ in columns:
         text = heading in (columns[0][0], "note")
@@ -137,7 +137,7 @@ def table(title: str, columns: tuple[Column, ...], rows: list[dict]) -> Table:
 
 
 def rows_of(scene: dict, part: str) -> list[dict]:
-    """The rows of a scene's part; none if it was not measured."""
+    """The rows of a scene's part; empty if it was not measured."""
     found = scene.get(part)
     if not found:
         return []
@@ -147,7 +147,7 @@ def rows_of(scene: dict, part: str) -> list[dict]:
 
 
 def write_csv(folder: Path, facts: dict):
-    """A file for each part that there is, with all scenes and all numbers of a row."""
+    """Write one CSV file per measured part, with all scenes and all numbers."""
     for part in PARTS:
         rows = []
         for name, scene in facts["scenes"].items():

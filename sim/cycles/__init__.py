@@ -1,4 +1,4 @@
-"""The cycle model: cycles of each stage and of a frame without the RTL.
+"""The cycle model: cycles of each stage and of a frame, without simulating the RTL.
 
 May import: spec, golden, hdl, sim.machine.
 """

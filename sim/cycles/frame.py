@@ -1,8 +1,8 @@
-"""Cycles of each stage from a machine's sizes and the golden model's counts, without the RTL.
+"""Cycles of each stage and of both halves, from a machine's sizes and the golden model's counts.
 
-Each stage by itself, its inputs always valid and its outputs always taken: cycles of each chunk,
-point, splat, entry and block are summed up. And both halves as wholes, in which stages wait for
-each other (`sim.cycles.preprocessing`, `sim.cycles.rendering`).
+A stage's cycles assume inputs that are always valid and outputs that are always ready: the sum over
+its chunks, points, splats, entries or blocks. In a half, stages wait for each other
+(`sim.cycles.preprocessing`, `sim.cycles.rendering`).
 """
 
 from dataclasses import asdict, dataclass
@@ -43,30 +43,30 @@ class Cycles:
 
     @property
     def frame(self) -> int:
-        """Both halves, at work at once on neighbouring frames."""
+        """Cycles per frame: the slower half, as both work on consecutive frames at once."""
         return max(self.preprocessing, self.rendering)
 
     @property
     def by_name(self) -> dict[str, int]:
-        """Stages, halves and the frame, as results have them."""
+        """Cycles by the names that results use: stages, halves and the frame."""
         return asdict(self) | {"frame": self.frame}
 
     @property
     def binding(self) -> tuple[str, str]:
-        """The half that takes longer, and its stage that does."""
+        """The slower half, and its slowest stage."""
         half = "preprocessing" if self.preprocessing >= self.rendering else "rendering"
         return half, max(STAGES[half], key=self.by_name.get)
 
 
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
-    """Cycles of a frame of the golden model. timing: of memory; its latency matters here."""
+    """Cycles of a frame of the golden model. timing: of memory; only its latency is used."""
     points = frame.points
     return Cycles(
         chunk=len(points.read) * chunk_interval(config),
         cull=len(points.points) * schedule(config, culling(config.depth_interval)).interval,
         place=len(points.front) * schedule(config, program("place")).interval,
         project=len(points.inside) * schedule(config, projection(config)).interval,
-        bin=int(bin_costs(frame).sum()) + len(frame.binned.lists.count),  # and all lists' ends
+        bin=int(bin_costs(frame).sum()) + len(frame.binned.lists.count),  # and one per list's end
         sort=sort_cycles(config, np.diff(frame.start)),
         raster=raster_cycles(config, frame),
         preprocessing=preprocessing_cycles(config, frame, timing.latency),
@@ -75,8 +75,8 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
 
 
 def group_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> np.ndarray:
-    """Cycles [rows, columns] that each group takes of the second half: from the last pixel of the
-    group before to its own; 0 for groups without a splat."""
+    """Cycles [rows, columns] of the second half per group: from the previous group's last pixel to
+    its own last pixel; 0 for groups without a splat."""
     height, width = frame.pixels.shape[:2]
     ends = np.zeros(len(frame.start) - 1)
     rendering_cycles(config, frame, timing.latency, ends)

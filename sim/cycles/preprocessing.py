@@ -1,7 +1,7 @@
-"""Cycles of the whole first half: a model from memory, stages 0 and 1, and binning.
+"""Cycles of the whole first half: reading the model, stages 0 and 1, and binning.
 
-Chunks that are skipped leave stage 1 without work, points behind the camera do, and splats of many
-tiles keep it waiting: points and splats are followed one by one through the queues between.
+Skipped chunks and points behind the camera leave stage 1 idle; splats with many tiles stall it. So
+points and splats are traced one by one through the queues between the stages.
 """
 
 import numpy as np
@@ -16,33 +16,33 @@ from splatcore.spec.memory import CHUNK
 from splatcore.spec.microprogram import culling, program, projection
 from splatcore.spec.schedule import schedule
 
-SET_UP = 3  # cycles of a splat in binning, at least
+SET_UP = 3  # minimum cycles per splat in binning
 
-# Cycles as registers and states make them, besides memory's latency.
-HEADER = 10  # from a chunk's being kept to its first point
-ATTRIBUTES = 12  # from a point's being placed to its attributes
-SPLAT = 5  # from the array's end to binning
-INSIDE = 4  # points that an array of stage 0 or 1 holds back
-LAST_BURST = 2  # cycles of a list's end, besides its place in the table
-BEGIN = 150  # from a frame's start to its first chunk, and from its last entry to its end
+# Cycles from registers and states, without memory latency.
+HEADER = 10  # from keeping a chunk to its first point
+ATTRIBUTES = 12  # from placing a point to its attributes
+SPLAT = 5  # from the end of the array to binning
+INSIDE = 4  # points that an array of stage 0 or 1 buffers
+LAST_BURST = 2  # cycles per list's end, in addition to its entry in the table
+BEGIN = 150  # from a frame's start to its first chunk, plus from its last entry to its end
 
 
 def chunk_interval(config: Config) -> int:
-    """Cycles of a chunk's header: a chunk at a time is in its array."""
+    """Cycles per chunk header; its array processes one chunk at a time."""
     plan = schedule(config, program("chunk"))
     return (plan.length // plan.interval + 1) * plan.interval
 
 
 def bin_costs(frame: Frame) -> np.ndarray:
-    """Cycles [N] of each splat in binning: the longest of set-up, tile rows and entries."""
+    """Cycles [N] per splat in binning: the maximum of set-up, tile rows and entries."""
     longest = np.maximum(frame.binned.splat_rows, frame.binned.splat_entries)
     return np.maximum(longest, SET_UP)
 
 
 def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
-    """Cycles of a frame's first half. latency: of memory, from a request to its first beat."""
+    """Cycles of a frame's first half. latency: memory cycles from a request to its first beat."""
     points, plan = frame.points, schedule(config, projection(config))
-    kind = np.zeros(len(points.points), np.int64)  # how far a point comes
+    kind = np.zeros(len(points.points), np.int64)  # as in `pass_points`
     kind[np.searchsorted(points.points, points.front)] = 1
     kind[np.searchsorted(points.points, points.inside)] = 2
     kind[np.searchsorted(points.points, points.index)] = 3
@@ -62,16 +62,17 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
 
 @njit(cache=True)
 def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
-    """The cycle in which the last splat has been binned.
+    """Trace all points through stages 0 and 1; the cycle in which the last splat is binned.
 
-    chunks [C]: points of each that are read; kind [N] of each point: 0 culled, 1 beside the guard
-    band, 2 projected, 3 a splat; costs [M] of each splat in binning; steps, lengths: cycles from
-    one to the next and through, of the programs chunk, cull, place and project; slots, queue: of
-    the projection.
+    chunks: [C] points that are read per chunk
+    kind: [N] last step of each point: 0 culled, 1 outside the guard band, 2 projected, 3 a splat
+    costs: [M] binning cycles per splat
+    steps, lengths: [4] interval and latency of the programs chunk, cull, place and project
+    slots, queue: entries of the projection's slots and output queue
     """
     header = culled = placed = entered = binned = 0.0
-    through = np.zeros(CHUNKS_WAITING + 1)  # when the last chunks were
-    cull_left, place_left = np.zeros(INSIDE), np.zeros(INSIDE)  # when points went on
+    through = np.zeros(CHUNKS_WAITING + 1)  # when the last chunks left culling
+    cull_left, place_left = np.zeros(INSIDE), np.zeros(INSIDE)  # when points left
     released, gone = np.zeros(slots), np.zeros(queue)
     cost = 0
     point = read = front = inside = splats = 0
@@ -89,7 +90,7 @@ def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
                     placed = max(placed, place_left[inside % INSIDE])
                     pushed = max(placed + lengths[2], released[inside % slots])
                     entered = max(entered + steps[3], pushed, gone[splats % queue])
-                    entered = np.ceil(entered / steps[3]) * steps[3]  # with the array's round
+                    entered = np.ceil(entered / steps[3]) * steps[3]  # the array's round
                     place_left[inside % INSIDE] = pushed - lengths[2]
                     released[inside % slots] = entered + lengths[3]
                     inside += 1

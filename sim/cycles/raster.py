@@ -1,7 +1,7 @@
-"""Cycles of stage 3, followed pair by pair: alone, or behind stage 2 and before memory.
+"""Cycles of stage 3, traced pair by pair: alone, or between stage 2 and memory.
 
-Only queues are followed: those in front of the rasterizers decide how much of one's work hides
-behind another's, the others how much of stage 2's and of writing hides behind stage 3's.
+Only queues are modelled: the rasterizers' input queues decide how much of their work overlaps, the
+other queues how much of sorting and writing overlaps with stage 3.
 """
 
 import numpy as np
@@ -19,54 +19,56 @@ from splatcore.spec.raster import BLOCKS, block_count, nth_block, owned, owner
 
 BLOCKS_A_TILE = BLOCKS**2
 
-# Cycles as the registers and states of stage 3 make them.
-PAIR_LATENCY = 22  # from a splat's coming to its first pair's being marked
-QUEUE_LATENCY = 2  # from a pair's entering a rasterizer's queue to its first block
-BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from a block's being issued to the lanes
-TURN = 8  # from behind a group's last block to the next group's first, at least
-END_TURN = 2  # and from the group's end
-GIVEN = BLOCK_LATENCY + Blend.LATENCY + 2  # from a block's being issued to its being written
-PAIRS_HELD = PAIRS_WAITING + 1  # of a rasterizer, the one at hand included
+# Cycles from the registers and states of stage 3.
+PAIR_LATENCY = 22  # from a splat's arrival to its first pair being marked
+QUEUE_LATENCY = 2  # from a pair entering a rasterizer's queue to its first block
+BLOCK_LATENCY = 1 + Evaluate.LATENCY  # from issuing a block to the lanes
+TURN = 8  # minimum from after a group's last block to the next group's first block
+END_TURN = 2  # minimum from the group's end to the next group's first block
+WRITE_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 2  # from issuing a block to writing it
+PAIRS_HELD = PAIRS_WAITING + 1  # pairs in a rasterizer, the current one included
 SPLATS_INSIDE = 20  # splats before setup
 MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
-BUSY = Blend.BUSY  # before a block may come again
-END_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 4  # from a last pixel's block to stage 2's stopping
+BUSY = Blend.BUSY  # cycles before the same block may be issued again
+END_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 4  # from a last pixel's block to stage 2 stopping
 
 ENTERED, MARKED, PAIRS, SPLATS, MERGED, END = range(6)
-"""Places of `Raster.clock`: when the last splat came and the last pair was marked, how many pairs
-and splats with live tiles there have been, when the last entry was merged, when the last group
-ended."""
+"""Indices into `Raster.clock`: cycle of the last splat's arrival, cycle of the last marked pair,
+number of pairs, number of splats with live tiles, cycle of the last merged entry, cycle of the last
+group's end."""
 
 
 class Raster:
-    """Stage 3 of a frame. number: of the next group, at: the next entry."""
+    """Stage 3 of a frame. number: the next group; at: the next entry."""
 
     def __init__(self, config: Config, frame: Frame):
         self.start, self.mask = frame.start, frame.sorted.mask.astype(np.int64)
-        self.blocks, self.given = frame.raster.blocks, block_count(config)
+        self.blocks, self.group_blocks = frame.raster.blocks, block_count(config)
         self.owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
         self.number = self.at = self.live_end = 0
         self.clock = np.zeros(6)
         self.clock[MARKED] = PAIR_LATENCY
-        self.free = np.zeros(config.rasterizers)  # when it can issue its next block
-        self.begun = np.zeros((config.rasterizers, PAIRS_HELD))  # when its last pairs left
+        self.free = np.zeros(config.rasterizers)  # when each can issue its next block
+        self.begun = np.zeros((config.rasterizers, PAIRS_HELD))  # when their last pairs left
         self.count = np.zeros(config.rasterizers, np.int64)
-        self.last = np.full((config.rasterizers, BUSY), -1)  # its last visited blocks
+        self.last = np.full((config.rasterizers, BUSY), -1)  # last visited blocks
         self.lanes = np.zeros((config.rasterizers, BUSY))  # when they entered the lanes
-        # How many of the group before are yet to be given out, and when the last one was.
+        # Blocks of the previous group still to be emitted, and when the last one was emitted.
         self.owed, self.gone = np.zeros((2, config.rasterizers))
         self.visited = np.zeros(BLOCKS_A_TILE * config.group**2, bool)  # in this group
-        # When there is room for each of them; which part of its rasterizer's are before it.
+        # When each block has room; its share of the rasterizer's blocks in the order of writing.
         self.room = np.zeros(len(self.visited))
         self.order = order(config)
-        self.left = np.zeros(SPLATS_INSIDE)  # when the last ones with live tiles left for setup
-        self.taken = np.zeros(FEATURES_WAITING)  # when the last splats came
+        self.left = np.zeros(SPLATS_INSIDE)  # when the last splats with live tiles left for setup
+        self.taken = np.zeros(FEATURES_WAITING)  # when the last splats arrived
 
     def entries(self, count: int, merged: float = 0, pace: float = 0, far: float = 0) -> float:
-        """The group's next entries pass; when the last of them that is given has been merged.
+        """Trace the group's next entries; the cycle in which the last one is merged.
 
-        merged: when the first one can be; pace: cycles from one to the next, 0 if they are always
-        there; far: from an entry's being merged to its splat's coming.
+        count: number of entries
+        merged: cycle in which the first can be merged
+        pace: cycles per entry; 0 if entries are always available
+        far: cycles from merging an entry to its splat's arrival
         """
         self.clock[MERGED] = merged - pace
         if self.at == self.start[self.number]:
@@ -81,11 +83,11 @@ class Raster:
         return self.clock[MERGED]
 
     def write(self, begin: float, cycles: float):
-        """The finished blocks are written from then on, in so many cycles."""
+        """Write the finished blocks from cycle `begin` on, within `cycles`."""
         self.room = begin + self.order * cycles
 
     def end(self) -> float:
-        """The group ends, when all blocks of the one before have been given out: when that was."""
+        """End the group; the cycle in which the previous group's last block was emitted."""
         self.clock[MARKED] += 1
         ends = np.maximum(self.clock[MARKED] + QUEUE_LATENCY, self.free)
         for r, at in enumerate(ends):
@@ -93,10 +95,10 @@ class Raster:
         ends += self.owed
         self.gone[self.owed > 0] = ends[self.owed > 0]
         self.gone = np.maximum(self.gone, self.room.max())
-        ends = np.maximum(ends, self.gone + GIVEN)  # none is on its way any more
+        ends = np.maximum(ends, self.gone + WRITE_LATENCY)  # none is in flight any more
         self.clock[END] = ends.max()
         self.free = np.maximum(self.free + TURN, ends + END_TURN)
-        self.owed[:], self.visited[:] = self.given, False
+        self.owed[:], self.visited[:] = self.group_blocks, False
         for r, count in enumerate(self.count):
             self.begun[r, count % self.begun.shape[1]] = self.free[r]
         self.count += 1
@@ -105,7 +107,7 @@ class Raster:
 
 
 def order(config: Config) -> np.ndarray:
-    """Of each block of a group the part of its rasterizer's that are written up to it."""
+    """Share of a rasterizer's blocks written up to each block of a group, that block included."""
     found = np.zeros((config.group**2, BLOCKS_A_TILE))
     for rasterizer in range(config.rasterizers):
         own = np.array(owned(config, rasterizer))
@@ -116,9 +118,9 @@ def order(config: Config) -> np.ndarray:
 
 
 def raster_cycles(config: Config, frame: Frame) -> int:
-    """Stage 3 alone, its splats always valid: the cycle of the last block that it gives out.
+    """Cycles of stage 3 alone with splats always valid, until it emits its last block.
 
-    Groups without a splat do not come to it.
+    Groups without a splat bypass it.
     """
     stage = Raster(config, frame)
     for count in np.diff(frame.start):
@@ -127,16 +129,16 @@ def raster_cycles(config: Config, frame: Frame) -> int:
             stage.end()
         else:
             stage.number += 1
-    return int(stage.free.max() + stage.given + BLOCK_LATENCY)
+    return int(stage.free.max() + stage.group_blocks + BLOCK_LATENCY)
 
 
 @njit(cache=True)
 def idle(r, until, free, owed, gone):
-    """Blocks that a rasterizer gives out while it has nothing else to do."""
-    given = min(max(until - free[r], 0), owed[r])
-    if given > 0:
-        owed[r] -= given
-        gone[r] = free[r] + given
+    """Let a rasterizer emit blocks of the previous group while it is idle."""
+    emitted = min(max(until - free[r], 0), owed[r])
+    if emitted > 0:
+        owed[r] -= emitted
+        gone[r] = free[r] + emitted
 
 
 @njit(cache=True)
@@ -145,10 +147,12 @@ def pass_splats(
     pace, far, clock, free, begun, count, last, lanes, owed, gone, visited, room,
     left, taken,
 ):  # fmt: skip
-    """A group's entries first … end through the queues; changes clock and all behind it.
+    """Trace a group's entries first … end through the queues.
 
-    ended: the entry from which on all tiles have ended. mask [N]: tiles of each entry; blocks:
-    marked and visited ones of each of these tiles, −1 for none (`golden.raster.Raster.blocks`).
+    ended: first entry after which all tiles have ended
+    mask: [N] tiles of each entry
+    blocks: marked and visited blocks per tile, −1 for none (`golden.raster.Raster.blocks`)
+    Updates `clock` and the arrays after it.
     """
     entered, marked, merged = clock[ENTERED], clock[MARKED], clock[MERGED]
     pair, splats = int(clock[PAIRS]), int(clock[SPLATS])
@@ -183,7 +187,7 @@ def pass_splats(
 
 @njit(cache=True)
 def live_end(first, end, pair, mask, blocks):
-    """The entry behind the last one with a live tile."""
+    """The entry after the last one with a live tile."""
     found = first
     for k in range(first, end):
         tiles = mask[k]
@@ -200,7 +204,7 @@ def live_end(first, end, pair, mask, blocks):
 def _deal(
     found, tile, marked, owners, free, begun, count, last, lanes, owed, gone, visited, room
 ):  # fmt: skip
-    """Push a pair to the rasterizers that own its blocks; returns when all of them had room."""
+    """Push a pair to the rasterizers that own its blocks; the cycle in which all had room."""
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
             r = owners[block]

@@ -1,4 +1,4 @@
-"""The cycle model of stage 2: times at which rounds, jobs and groups end, whatever the keys."""
+"""Cycle model of stage 2: when rounds, jobs and groups end, independent of the keys."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,32 +12,34 @@ from splatcore.hdl.sorting.deal import JOBS_WAITING
 from splatcore.spec.config import Config
 from splatcore.spec.sort import AREAS, BUCKETS, phases
 
-# Cycles between events, as the machine's registers and states make them.
+# Cycles between events, from the machine's registers and states.
 OPENED = 2  # from a job's half being free to its first entry
-RUN_TO_MERGE = 4  # from a run's first entry leaving its sub-sorter to its being merged
-BEGUN = 3  # from the beginning of a merge to its first entry, besides one for each run
-MARKED = 4  # from the last entry of a merge to the group's mark being taken
+RUN_TO_MERGE = 4  # from a run's first entry leaving its sub-sorter to merging it
+BEGUN = 3  # from the beginning of a merge to its first entry, plus one per run
+MARKED = 4  # from the last entry of a merge to the transfer of the group's mark
 RELEASED = 5  # from the last entry of a merge to the half and the merge being free
-DEALT = 2  # of an entry in each round, with memory that takes lines at once
-LOOKED_UP = 2  # a bucket's, for its last line to be written
-GIVEN_OUT = 3  # a bucket's
-ROUND = 8  # of a round besides, and the memory's latency
-LISTED = 4  # a bucket's, however few entries it has
+DEALT = 2  # per entry and round, with memory that accepts lines at once
+LOOKED_UP = 2  # per bucket, to write its last line
+ISSUED = 3  # per bucket, to issue it
+ROUND = 8  # per round in addition, plus the memory's latency
+LISTED = 4  # minimum per bucket
 
-Give = Callable[[float, int], float]
-"""The time at which the first of so many entries can be merged → that at which the last one is."""
+Consume = Callable[[float, int], float]
+"""(cycle in which a job's first entry can be merged, number of entries) → cycle of the last."""
 
 
 def at_once(first: float, count: int) -> float:
-    """Every second cycle an entry."""
+    """A consumer that is always ready: one entry per two cycles."""
     return first + 2 * (count - 1)
 
 
 class Timeline:
-    """Times at which the parts of stage 2 are free, in cycles from the first group's taking.
+    """Cycles at which the parts of stage 2 are free, from the acceptance of the first group on.
 
-    pace: cycles that an entry of a short list, or of a list to be dealt, takes to come; latency: of
-    memory. give: what becomes of a job's sorted entries. dealt: cycles of an entry in each round.
+    pace: cycles per entry read from memory
+    latency: of memory, in cycles
+    consume: timing of the consumer of sorted entries
+    dealt: cycles per dealt entry and round
     """
 
     def __init__(
@@ -45,18 +47,18 @@ class Timeline:
         config: Config,
         pace: float = 1,
         latency: int = 0,
-        give: Give = at_once,
+        consume: Consume = at_once,
         dealt: float = DEALT,
     ):
         self.config, self.dealt = config, dealt
-        self.pace, self.latency, self.give = pace, latency, give
-        self.deal = self.load = self.merge = self.given = self.half = self.turn = 0
+        self.pace, self.latency, self.consume = pace, latency, consume
+        self.deal = self.load = self.merge = self.marked = self.half = self.turn = 0
         self.halves, self.sorters = [0, 0], [0] * config.sub_sorters
-        self.areas = deque([0] * AREAS)  # when they will be free again
-        self.loads = deque([0] * JOBS_WAITING)  # when the last jobs were taken
+        self.areas = deque([0] * AREAS)  # when each is free again
+        self.loads = deque([0] * JOBS_WAITING)  # when the last jobs were accepted
 
     def group(self, found: Job | list[Round]):
-        """A group passes, as soon as the parts are free and its entries are there."""
+        """Sort the next group: one job, or rounds of jobs."""
         if isinstance(found, Job):
             self.deal += 1
             last = self._job(len(found.order), self.pace * len(found.order))
@@ -64,27 +66,27 @@ class Timeline:
             count = sum(len(job.order) for part in found for job in part.jobs)
             for part in found:
                 last = self._round(part, count)
-        self.given = last + MARKED
+        self.marked = last + MARKED
 
     def _round(self, part: Round, count: int) -> float:
-        """Deals a list of so many entries, and merges the round's jobs."""
+        """Deal a list of `count` entries and merge the round's jobs; cycle of the last entry."""
         begin = max(self.deal, self.areas.popleft())
         dealt = max(self.pace, self.dealt) * count + ROUND + self.latency
         written = begin + dealt + LOOKED_UP * BUCKETS
         last = begin
         for job in part.jobs:
-            self.deal = written + GIVEN_OUT * (job.buckets[-1][0] + 1)
+            self.deal = written + ISSUED * (job.buckets[-1][0] + 1)
             last = self._job(len(job.order), max(len(job.order), LISTED * len(job.buckets)))
-        self.deal = max(self.deal, written + GIVEN_OUT * BUCKETS)
+        self.deal = max(self.deal, written + ISSUED * BUCKETS)
         self.areas.append(last + RELEASED) if part.jobs else self.areas.appendleft(begin)
         return last
 
-    def _job(self, entries: int, come: float) -> float:
-        """Forms a job's runs and merges them; returns when the last entry is merged.
+    def _job(self, entries: int, arrival: float) -> float:
+        """Form a job's runs and merge them; cycle of the last merged entry.
 
-        come: cycles that its entries take to come.
+        arrival: cycles until all its entries have arrived
         """
-        size, pace = self.config.sub_sorter_entries, come / max(entries, 1)
+        size, pace = self.config.sub_sorter_entries, arrival / max(entries, 1)
         self.deal = max(self.deal, self.loads.popleft())
         self.load = max(self.load, self.deal + self.latency, self.halves[self.half]) + OPENED
         self.loads.append(self.load)
@@ -95,21 +97,24 @@ class Timeline:
             first = out + RUN_TO_MERGE
         self.load += 1
         first = max(first, max(self.load, self.merge) + BEGUN + len(batches))
-        last = self.give(first, entries)
+        last = self.consume(first, entries)
         self.merge = self.halves[self.half] = last + RELEASED
         self.half = 1 - self.half
         return last
 
-    def _sort(self, batch: int, come: float) -> float:
-        """A batch goes in; when its first entry leaves. come: cycles that its entries take."""
+    def _sort(self, batch: int, arrival: float) -> float:
+        """Sort a batch in the next sub-sorter; the cycle in which its first entry leaves.
+
+        arrival: cycles until all its entries have arrived
+        """
         sorter, size = self.turn, self.config.sub_sorter_entries
         self.turn = (self.turn + 1) % self.config.sub_sorters
-        if self.config.sub_sorter == "trees":  # one batch at a time is in it
-            self.load = max(self.load, self.sorters[sorter]) + come
+        if self.config.sub_sorter == "trees":  # holds one batch at a time
+            self.load = max(self.load, self.sorters[sorter]) + arrival
             out = self.load + 2 * len(phases(self.config))
             self.sorters[sorter] = out + 2 * batch - 1
         else:
-            self.load += come
+            self.load += arrival
             out = max(self.load + merged(size, batch), self.sorters[sorter])
             self.sorters[sorter] = out + batch
         return out
@@ -117,35 +122,38 @@ class Timeline:
 
 @cache
 def merged(size: int, count: int) -> int:
-    """Cycles from a batch's last entry to the first one out of a cascade for `size` entries."""
-    times, length = list(range(count)), 1  # when each entry comes to the next merge
+    """Cycles from a batch's last input entry to its first output of a cascade for `size` entries.
+
+    count: entries of the batch
+    """
+    times, length = list(range(count)), 1  # when each entry arrives at the next merge
     while length < size:
-        out, given, delay = [], 0, latency(length)
+        out, last, delay = [], 0, latency(length)
         for start in range(0, count, 2 * length):
             first, second = times[start:][:length], times[start + length :][:length]
             begin = second[0] + delay if second else max(first[0] + delay, first[-1] + 1)
-            for come in first + second:
-                given = max(given + 1, begin, come + delay)
-                out.append(given)
+            for arrival in first + second:
+                last = max(last + 1, begin, arrival + delay)
+                out.append(last)
         times, length = out, 2 * length
     return times[0] - (count - 1)
 
 
 def cycles(config: Config, counts: Sequence[int]) -> int:
-    """Cycles that jobs of so many entries, a group each, take, from the first one's taking to the
-    last's mark.
+    """Cycles of stage 2 for groups of one job each, from the first acceptance to the last mark.
 
-    Every stream is taken and given at once; within 3 % of the hardware, whatever the keys.
+    counts: entries per group
+    Assumes streams that are always valid and ready. Within 3 % of the hardware for any keys.
     """
     timeline = Timeline(config)
     for count in counts:
         timeline.group(Job(np.arange(count), True))
-    return int(timeline.given)
+    return int(timeline.marked)
 
 
 def stage_cycles(config: Config, lists: Sequence[np.ndarray]) -> int:
-    """The same for lists with these keys, long ones dealt, with memory that answers at once."""
+    """The same for lists with these keys; long lists are dealt, memory answers at once."""
     timeline = Timeline(config)
     for found in jobs(config, lists):
         timeline.group(found)
-    return int(timeline.given)
+    return int(timeline.marked)

@@ -1,4 +1,4 @@
-"""For chip and FPGA tools and by them: Verilog, gates, lint, placement, register map.
+"""Input for chip and FPGA tools, and their results: Verilog, gates, lint, placement, register map.
 
 May import: spec, hdl, sim.common, sim.rtl.
 """

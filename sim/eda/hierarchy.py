@@ -1,4 +1,4 @@
-"""The hierarchy of a netlist as text (RTLIL): its instances, and cutting parts out of it."""
+"""Hierarchy of a netlist in RTLIL: find its instances, cut parts out of it."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from splatcore.sim.eda.synth import Netlist
 
 MODULE = re.compile(r"^module (\S+)\n(.*?)^end\n", re.M | re.S)
 CELL = re.compile(r"^(  cell )(\\\S+)( (\S+))$", re.M)
-"""A cell of a module; those of yosys itself have a $ where these have a backslash."""
+"""A cell that instantiates a module; types of yosys's own cells begin with $, not a backslash."""
 
 PORT = re.compile(r"^  wire .*\b(?:input|output) \d+ .*\n", re.M)
 
@@ -19,14 +19,14 @@ WIRE = re.compile(r"\\port\$\d+\$\d+")
 
 @dataclass(frozen=True)
 class Instance:
-    """A module's place in the hierarchy. path: names from the top on, without the top's own."""
+    """An instance of a module. path: names from the top on, without the top's own."""
 
     path: str
     module: str
 
 
 class Hierarchy:
-    """RTLIL text by modules. top: name of the module that all others are in."""
+    """RTLIL by modules. top: name of the top module."""
 
     def __init__(self, text: str, top: str = "top"):
         self.modules = {found[1]: found[2] for found in MODULE.finditer(text)}
@@ -34,23 +34,23 @@ class Hierarchy:
 
     @cached_property
     def cells(self) -> dict[str, list[tuple[str, str]]]:
-        """Of each module: what is inside, as (path from there, module), memories included."""
+        """Cells of each module as (name, module), memories included."""
         return {
             name: [(re.sub(r"^\\|\$\d+$", "", found[4]), found[2]) for found in CELL.finditer(body)]
             for name, body in self.modules.items()
         }
 
     def instances(self, module: str | None = None, path: str = "") -> Iterator[Instance]:
-        """A module and all that is inside, from above; memories are modules without a text."""
+        """A module and all instances in it, top down; memories have no text in `modules`."""
         module = module or self.top
         yield Instance(path, module)
         for name, inner in self.cells.get(module, ()):
             yield from self.instances(inner, f"{path}.{name}" if path else name)
 
     def piece(self, root: Instance, is_cut: Callable[[str], object]) -> Netlist:
-        """The inside of an instance, without the instances that are cut out: these are black boxes.
+        """The contents of an instance, in which all instances with `is_cut(path)` are black boxes.
 
-        Modules have names by their order alone, so that equal pieces have equal texts.
+        Modules are renamed by their order, so that equal pieces have equal texts.
         """
         names: dict[str, str] = {root.module: "\\top"}
         texts, memories = [], []
@@ -74,7 +74,7 @@ class Hierarchy:
             texts.append(f"module {names[instance.module]}\n{body}end\n")
 
         visit(root)
-        # Amaranth numbers wires through the whole netlist: here they are numbered anew.
+        # Amaranth numbers wires through the whole netlist: renumber them.
         wires: dict[str, str] = {}
         text = WIRE.sub(lambda w: wires.setdefault(w[0], f"\\port{len(wires)}"), "\n".join(texts))
         return Netlist(text, tuple(memories))

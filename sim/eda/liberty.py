@@ -1,8 +1,7 @@
-"""A standard-cell library: cells, their areas, functions, delays, energies.
+"""A standard-cell library: areas, functions, timing and power of its cells.
 
-What static timing needs of them: capacitance of pins, delays and slews as tables of slew and load
-(NLDM), setup times; and for power what a change takes inside of a cell, and leakage.
-`sim.eda.liberty_file` reads the files.
+Timing: pin capacitances, delays and slews as tables of slew and load (NLDM), setup times. Power:
+internal energy of changes, and leakage. `sim.eda.liberty_file` reads the files.
 """
 
 import re
@@ -17,8 +16,8 @@ EDGES = ("rise", "fall")
 
 @dataclass(frozen=True)
 class Table:
-    """Values by slew in ns (rows) and by load in pF (columns); of setup times by the clock's slew
-    and the data's. Values in ns, of energies in pJ."""
+    """Values by slew in ns (rows) and load in pF (columns); setup times by the slews of clock and
+    data, both in ns. Values are in ns, energies in pJ."""
 
     slews: np.ndarray
     loads: np.ndarray
@@ -27,9 +26,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Arc:
-    """From a pin to another one. kind: of the liberty file, as rising_edge or setup_rising; ""
-    for plain logic. sense: positive, negative, or "" for both. delays, slews: tables of the edges
-    of the pin at its end, rise and fall, None where it has none."""
+    """A timing arc.
+
+    begin, end: pins
+    kind: timing_type of the liberty file, such as rising_edge or setup_rising; "" for plain logic
+    sense: positive, negative, or "" for both
+    delays, slews: tables for a rising and a falling edge at `end`; None if it has no such edge
+    """
 
     begin: str
     end: str
@@ -41,9 +44,12 @@ class Arc:
 
 @dataclass(frozen=True)
 class Inside:
-    """What a change at a pin takes inside of its cell, but for the load's. begin: the input that
-    makes an output change; "" for an input's own. energies: of its edges, rise and fall. condition:
-    the state in which it is so, "" if in any."""
+    """Internal energy of a change at a pin, without the energy of the load.
+
+    begin: the input that makes an output change; "" for changes of an input itself
+    energies: tables for a rising and a falling edge
+    condition: the state for which they hold; "" for any
+    """
 
     begin: str
     pin: str
@@ -53,8 +59,15 @@ class Inside:
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell. inputs: pF of each pin, rising and falling. functions: of each output. state: what
-    its flip-flop says, attributes by name. special: not for synthesis to choose. leakage: W."""
+    """A cell.
+
+    area: um²
+    inputs: capacitance in pF of each pin, rising and falling
+    functions: logic function of each output
+    state: attributes of its flip-flop by name; empty for logic
+    special: whether synthesis must not choose it
+    leakage: W
+    """
 
     name: str
     area: float
@@ -67,7 +80,7 @@ class Cell:
     leakage: float
 
     def computes(self, *truth: int) -> bool:
-        """Whether it has one output, of that truth table."""
+        """Whether it is logic with one output of that truth table."""
         if self.state or len(self.functions) != 1 or 2 ** len(self.inputs) != len(truth):
             return False
         (text,) = self.functions.values()
@@ -75,23 +88,25 @@ class Cell:
 
     @property
     def is_flip_flop(self) -> bool:
-        """A plain one at the rising edge: what it takes next is an input."""
+        """Whether it is a plain flip-flop: clocked by a rising edge, with an input pin as data."""
         clock, data = (self.state.get(name, "") for name in ("clocked_on", "next_state"))
         return clock.strip("() ") in self.inputs and data.strip("() ") in self.inputs
 
     @property
     def clock(self) -> str:
-        """A flip-flop's pin."""
+        """A flip-flop's clock pin."""
         return self.state["clocked_on"].strip("() ")
 
     @property
     def data(self) -> str:
-        """A flip-flop's pin."""
+        """A flip-flop's data pin."""
         return self.state["next_state"].strip("() ")
 
     def rests_in(self, condition: str) -> bool:
-        """Whether a flip-flop may be in a state while its clock does not change it; True of one
-        that is told by what is no pin."""
+        """Whether a flip-flop in a state may keep its value at the clock's edge.
+
+        condition: the state, as a function of pins; True if it depends on other names
+        """
         pins = [*self.inputs, *self.functions]
         forced = [self.state[name] for name in ("clear", "preset") if name in self.state]
         tables = [evaluated(text, pins) for text in (condition or "1", *forced)]
@@ -110,8 +125,8 @@ class Cell:
 
 
 def evaluated(function: str, pins: list[str]) -> list[int]:
-    """The truth table of a liberty function, its first pin counting slowest; empty if it has
-    other names in it."""
+    """Truth table of a liberty function; the first pin changes slowest. Empty if the function has
+    names that are not pins."""
     text = re.sub(r"(\w+|\([^()]*\))\s*'", r"~\1", function).replace("!", "~")
     text = re.sub(r"(?<=[\w)])\s+(?=[\w(~])", "&", text.strip())
     text = text.replace("*", "&").replace("+", "|")
@@ -127,8 +142,12 @@ def evaluated(function: str, pins: list[str]) -> list[int]:
 
 @dataclass(frozen=True)
 class Library:
-    """A library of cells. text: the file's. corner: what it says of process, voltage and
-    temperature. voltage: V."""
+    """A library of cells.
+
+    text: contents of its file
+    corner: process, voltage and temperature as text
+    voltage: V
+    """
 
     name: str
     text: str
@@ -137,7 +156,7 @@ class Library:
     cells: dict[str, Cell]
 
     def smallest(self, *truth: int) -> Cell | None:
-        """The smallest cell of one output with that truth table."""
+        """The smallest cell with one output of that truth table; None if there is none."""
         found = (cell for cell in self.usable if cell.computes(*truth))
         return min(found, key=lambda cell: (cell.area, len(cell.name)), default=None)
 
@@ -156,16 +175,16 @@ class Library:
 
     @cached_property
     def driver(self) -> Cell:
-        """The second buffer by area, or whatever there is that is most like it."""
+        """The second-smallest buffer; the smallest if there is only one; an inverter if none."""
         found = [cell for cell in self.usable if cell.computes(0, 1)] or [self.inverter]
         return sorted(found, key=lambda cell: cell.area)[min(1, len(found) - 1)]
 
     @cached_property
     def flip_flop(self) -> Cell:
-        """The smallest one."""
+        """The smallest flip-flop."""
         found = (cell for cell in self.usable if cell.is_flip_flop)
         return min(found, key=lambda cell: (cell.area, len(cell.name)), default=None)
 
     def left_out(self) -> list[str]:
-        """Names of cells that synthesis shall not choose."""
+        """Names of cells that synthesis must not choose."""
         return [name for name, cell in self.cells.items() if cell.special]

@@ -1,4 +1,4 @@
-"""Liberty files (.lib, .lib.gz): groups and attributes of the text, and the library they describe.
+"""Liberty files (.lib, .lib.gz): parse groups and attributes, and build the library.
 
 Noise, current-source models and hold times are skipped.
 """
@@ -21,7 +21,7 @@ STATEMENT = re.compile(
     r'(?P<name>\w+)\s*(?::\s*(?P<value>"[^"]*"|[^;{}\n]*)|'
     r'\((?P<arguments>(?:"[^"]*"|[^()"])*)\)\s*(?P<open>\{)?)|(?P<close>\})'
 )
-"""A line of a group, the beginning of a group, or its end."""
+"""An attribute, the beginning of a group, or its end."""
 
 WORD = re.compile(r'"([^"]*)"|([^\s,"]+)')
 
@@ -31,13 +31,16 @@ VOLTAGES = {"mv": 1e-3, "v": 1.0}
 POWERS = {"pw": 1e-12, "nw": 1e-9, "uw": 1e-6, "mw": 1e-3}
 
 SPECIAL = ("dont_use", "is_isolation_cell", "is_level_shifter", "always_on", "pad_cell")
-"""Attributes of cells that synthesis leaves alone."""
+"""Attributes of cells that synthesis must not choose."""
 
 
 @dataclass
 class Group:
-    """A group of a liberty file. names: those in its brackets. lines: attributes; of those with
-    brackets all arguments."""
+    """A group of a liberty file.
+
+    names: its arguments
+    lines: attributes by name; a list of all arguments if they are in brackets
+    """
 
     kind: str
     names: list[str]
@@ -51,12 +54,12 @@ class Group:
         return float(self.lines.get(name, default))
 
     def numbers(self, name: str) -> np.ndarray:
-        """Those of all strings of an attribute with brackets."""
+        """All numbers in the strings of an attribute with brackets."""
         return np.array(" ".join(self.lines[name]).replace(",", " ").split(), float)
 
 
 def parse(text: str) -> Group:
-    """The groups of a liberty text; ValueError if it is none."""
+    """Parse a liberty text; its outermost group. Raises ValueError if it is not valid."""
     root = Group("", [])
     stack = [root]
     for found in STATEMENT.finditer(COMMENT.sub("", text)):
@@ -71,9 +74,9 @@ def parse(text: str) -> Group:
         else:
             stack[-1].lines[found["name"]] = _words(found["arguments"])
         if not stack:
-            raise ValueError("a bracket too many")
+            raise ValueError("one closing bracket too many")
     if len(stack) > 1 or [group.kind for group in root.groups] != ["library"]:
-        raise ValueError("no liberty file" if len(stack) == 1 else "ends within a group")
+        raise ValueError("not a library" if len(stack) == 1 else "ends within a group")
     return root.groups[0]
 
 
@@ -82,7 +85,7 @@ def _words(text: str) -> list[str]:
 
 
 class Reader:
-    """Makes a library of its groups, in ns and pF."""
+    """Builds a library from its groups, in ns, pF and pJ."""
 
     def __init__(self, library: Group):
         self.group = library
@@ -91,7 +94,7 @@ class Reader:
         self.time = _unit(library.lines.get("time_unit", "1ns"), TIMES)
         factor, unit = library.lines.get("capacitive_load_unit", ["1", "pf"])
         self.capacitance = _unit(factor + unit, CAPACITANCES)
-        # There is no unit of energy: it is a unit of capacitance times a unit of voltage, squared.
+        # The unit of energy is implied: unit of capacitance times square of the unit of voltage.
         volts = _unit(library.lines.get("voltage_unit", "1V"), VOLTAGES)
         self.energy = self.capacitance * volts**2
         self.leakage = _unit(library.lines.get("leakage_power_unit", "1nW"), POWERS)
@@ -99,22 +102,22 @@ class Reader:
             raise ValueError(f"delay_model {library.lines['delay_model']} is not table_lookup")
 
     def library(self, text: str) -> Library:
-        """All of it; text: the file's."""
+        """Build the library. text: contents of the file."""
         cells = {group.names[0]: self.cell(group) for group in self.group.of_kind("cell")}
         voltage = self.group.number("nom_voltage")
         return Library(self.group.names[0], text, self.corner(), voltage, cells)
 
     def corner(self) -> str:
-        """Process, voltage and temperature by the default operating conditions."""
+        """Process, voltage and temperature of the default operating conditions, as text."""
         name = self.group.lines.get("default_operating_conditions", "")
         found = {each.names[0]: each for each in self.group.of_kind("operating_conditions")}
         values = []
-        for what, unit in {"process": "", "voltage": " V", "temperature": " °C"}.items():
-            value = found[name].lines.get(what) if name in found else None
-            value = value or self.group.lines.get(f"nom_{what}")
+        for quantity, unit in {"process": "", "voltage": " V", "temperature": " °C"}.items():
+            value = found[name].lines.get(quantity) if name in found else None
+            value = value or self.group.lines.get(f"nom_{quantity}")
             if value is not None:
-                values.append(f"{what} {float(value):g}{unit}")
-        return ", ".join([name, *values] if name else values) or "not said"
+                values.append(f"{quantity} {float(value):g}{unit}")
+        return ", ".join([name, *values] if name else values) or "unknown"
 
     def cell(self, group: Group) -> Cell:
         inputs, functions, arcs, inside = {}, {}, [], []
@@ -146,7 +149,7 @@ class Reader:
         return rise * self.capacitance, fall * self.capacitance
 
     def arcs(self, end: str, timing: Group) -> Iterator[Arc]:
-        """Those to a pin, from each pin that a group of timing names."""
+        """Arcs to a pin, one per related pin of a timing group."""
         kind = timing.lines.get("timing_type", "").replace("combinational", "")
         if kind not in ("", "rising_edge", "setup_rising"):
             return
@@ -157,7 +160,7 @@ class Reader:
             yield Arc(begin, end, kind, sense, tables[0], tables[-1])
 
     def inside(self, pin: str, power: Group) -> Iterator[Inside]:
-        """What changes at a pin take, by each pin that a group of power names."""
+        """Internal energies of changes at a pin, one per related pin of an internal_power group."""
         energies = tuple(self.table(power, f"{edge}_power", self.energy) for edge in EDGES)
         if not any(energies):
             energies = (self.table(power, "power", self.energy),) * 2
@@ -165,7 +168,10 @@ class Reader:
             yield Inside(begin, pin, energies, power.lines.get("when", ""))
 
     def table(self, timing: Group, name: str, unit: float | None = None) -> Table | None:
-        """A table by ns and pF, in ns or in a unit; one without an axis is constant along it."""
+        """Read a table by ns and pF; a missing axis means constant.
+
+        unit: of the values; by default that of time
+        """
         group = next(timing.of_kind(name), None)
         if group is None:
             return None
@@ -174,10 +180,10 @@ class Reader:
         axes = {"slew": np.array([0.0]), "load": np.array([0.0])}
         order = []
         for number in (1, 2) if values.size > 1 else ():
-            index, what = f"index_{number}", template.lines.get(f"variable_{number}", "")
+            index, variable = f"index_{number}", template.lines.get(f"variable_{number}", "")
             if index in group.lines or index in template.lines:
-                is_load = "capacitance" in what or what.startswith("constrained")
-                unit = self.capacitance if "capacitance" in what else self.time
+                is_load = "capacitance" in variable or variable.startswith("constrained")
+                unit = self.capacitance if "capacitance" in variable else self.time
                 order.append("load" if is_load else "slew")
                 source = group if index in group.lines else template
                 axes[order[-1]] = source.numbers(index) * unit
@@ -188,14 +194,13 @@ class Reader:
 
 
 def _unit(text: str, units: dict[str, float]) -> float:
-    """A factor and a unit, as in 100ps."""
+    """Parse a factor with a unit, such as 100ps."""
     number, unit = re.fullmatch(r"([\d.e+-]+)\s*(\w+)", text.strip().lower()).groups()
     return float(number) * units[unit]
 
 
 def read_liberty(path: str | Path) -> Library:
-    """The library of a file; InputError if it is none, or lacks what synthesis cannot do
-    without."""
+    """Read a library; InputError if it is not valid, or has no inverter, NAND2 or flip-flop."""
     try:
         data = Path(path).read_bytes()
         text = (gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data).decode()
@@ -203,9 +208,9 @@ def read_liberty(path: str | Path) -> Library:
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except (ValueError, EOFError, zlib.error, KeyError) as error:
-        raise InputError(f"{path}: not a liberty file that can be read: {error}") from None
+        raise InputError(f"{path}: not a liberty file, or damaged: {error}") from None
     wanted = {"inverter": "an inverter", "nand2": "a NAND2", "flip_flop": "a flip-flop"}
-    for name, what in wanted.items():
+    for name, cell in wanted.items():
         if getattr(library, name) is None:
-            raise InputError(f"{path}: the library has no cell that is {what}")
+            raise InputError(f"{path}: the library has no cell that is {cell}")
     return library

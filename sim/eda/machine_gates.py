@@ -1,9 +1,9 @@
 """Gates of the whole machine: its parts, each synthesised on its own, and their sum.
 
-The netlist of the whole is cut at the parts' boundaries. What is inside a part and outside the
-parts in it is synthesised as one flat piece, so all is in one piece and nothing in two: flip-flops
-are counted in the whole as well, and must be as many. Equal pieces are synthesised once. No
-constant passes a boundary, and a path through several pieces is measured in each of them.
+The netlist is cut at the parts' boundaries. A part, without the parts inside of it, is synthesised
+as one flat piece, so all logic is counted once; as a check, the flip-flops of all pieces must be
+those of the whole. Equal pieces are synthesised once. Constants do not propagate across
+boundaries, and a path through several pieces is measured in each of them.
 """
 
 import re
@@ -28,7 +28,7 @@ from splatcore.spec.config import Config
 
 
 class Part(NamedTuple):
-    """Instances that are counted as one thing. path: a pattern of their paths."""
+    """Instances that are counted together. path: regular expression for their paths."""
 
     stage: str
     name: str
@@ -71,13 +71,16 @@ PATHS = {
     },
 }
 PARTS = tuple(Part(stage, *part) for stage, paths in PATHS.items() for part in paths.items())
-"""Parts of the machine; control is memory access and the host's side."""
+"""Parts of the machine; control is memory access and the host interface."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """A part's instances together; depths are those of the deepest. flip_flops_before: what their
-    descriptions ask for, before synthesis has taken away what is constant or read by nobody."""
+    """A part's instances together.
+
+    depth, speed_depth: maximum over the instances
+    flip_flops_before: as described, before synthesis removes constant and unused flip-flops
+    """
 
     part: Part
     count: int
@@ -91,27 +94,27 @@ class Size:
 
 
 def netlist(config: Config) -> Hierarchy:
-    """The whole machine without its memories."""
+    """Netlist of the whole machine without its memories."""
     with collecting_rarely():
         text = rtlil.convert(Top(config), name="top", platform=Macros(), emit_src=False)
     return Hierarchy(text)
 
 
 def part_of(path: str) -> Part | None:
-    """The part whose instance that is."""
+    """The part that the instance belongs to; None if it is inside of one."""
     return next((part for part in PARTS if re.fullmatch(part.path, path)), None)
 
 
 @cache
 def part_around(path: str) -> str:
-    """Name of the innermost part that an instance is in; a path of names with dots between them."""
+    """Name of the innermost part that contains a path (names separated by dots)."""
     while (part := part_of(path)) is None:
         path = path.rpartition(".")[0]
     return part.name
 
 
 def placed_pieces(hierarchy: Hierarchy) -> list[tuple[Part, str, Netlist]]:
-    """Each instance of each part: its path, and its netlist, cut out."""
+    """Part, path and cut-out netlist of each instance of each part."""
     places: dict[Part, list[Instance]] = {part: [] for part in PARTS}
     for instance in hierarchy.instances():
         if part := part_of(instance.path):
@@ -122,12 +125,12 @@ def placed_pieces(hierarchy: Hierarchy) -> list[tuple[Part, str, Netlist]]:
 
 
 def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Netlist]]:
-    """Each instance of each part, cut out."""
+    """Part and cut-out netlist of each instance of each part."""
     return [(part, netlist) for part, _, netlist in placed_pieces(hierarchy)]
 
 
 def whole(hierarchy: Hierarchy) -> Netlist:
-    """All of it."""
+    """Netlist of the whole hierarchy."""
     return hierarchy.piece(Instance("", hierarchy.top), lambda _: None)
 
 
@@ -136,8 +139,8 @@ delete t:$scopeinfo
 tee -o check.txt check
 tee -o latches.txt select -list t:$dlatch t:$adlatch t:$dlatchsr t:$sr
 """
-"""Faults: latches, combinational loops, wires of several drivers or of none. Of a flat netlist, as
-loops may lead through several modules."""
+"""Checks for latches, combinational loops, and wires with several drivers or none. The netlist must
+be flat, as loops may lead through several modules."""
 
 READ_VERILOG = """
 read_verilog {files}
@@ -162,7 +165,7 @@ tee -o count.stat stat -width
 
 
 def flip_flops_before(piece: Netlist) -> int:
-    """Bits of registers and of memories that are read in the same cycle, as they are described."""
+    """Flip-flops as described: bits of registers and of memories with an asynchronous read port."""
     return piece.run(READ + COUNT, _count)
 
 
@@ -172,20 +175,20 @@ def _count(files: dict[str, str]) -> int:
 
 
 def faults_found(files: dict[str, str]) -> list[str]:
-    """Faults that `CHECK` has found, a line each."""
+    """Faults found by `CHECK`, one per line."""
     latches = [f"latch {name}" for name in files["latches.txt"].split()]
     return latches + re.findall(r"^Warning: (.*)", files["check.txt"], re.M)
 
 
 def faults(top: str, *paths: Path) -> list[str]:
-    """Faults of Verilog files."""
+    """Check Verilog files; their faults, one per line."""
     files = {path.name: path.read_text() for path in paths}
     read = READ_VERILOG.format(files=" ".join(files), top=top)
     return faults_found(yosys(read + CHECK, files))
 
 
 def examined(whole: Netlist) -> dict[str, int | list[str]]:
-    """Flip-flops of a whole netlist, and its faults."""
+    """Flip-flops as described, and faults, of a whole netlist."""
     return whole.run(
         READ + CHECK + COUNT,
         lambda files: {"flip_flops_before": _count(files), "faults": faults_found(files)},
@@ -193,7 +196,7 @@ def examined(whole: Netlist) -> dict[str, int | list[str]]:
 
 
 def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
-    """Gates of each part. advance: told of the pieces done, of all, and which is next."""
+    """Synthesise each part. advance: called with pieces done, pieces in all, and the next piece."""
     work = pieces(hierarchy)
     found: dict[Part, list[dict[str, float]]] = {part: [] for part, _ in work}
     memories: dict[Part, list[str]] = {part: [] for part in found}
@@ -202,14 +205,14 @@ def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
         found[part].append(piece.gates() | {"flip_flops_before": flip_flops_before(piece)})
         memories[part] += (memory_name(*size) for size in piece.memories)
     whole = []
-    for part, all in found.items():  # their sum, of depths the largest
+    for part, all in found.items():  # sums, but maximum depths
         size = {k: (max if "depth" in k else sum)(each[k] for each in all) for k in all[0]}
         whole.append(Size(part, len(all), **size, memories=tuple(memories[part])))
     return whole
 
 
 def synthesise_machine(config: Config) -> dict:
-    """Print the gates of all parts of a machine beside the paper's; the same for a JSON file."""
+    """Print the gates of all parts of a machine and the paper's; return them for a JSON file."""
     with progress_bar("elaborating the machine") as advance:
         hierarchy = netlist(config)
         found = sizes(hierarchy, advance)
@@ -227,7 +230,7 @@ def synthesise_machine(config: Config) -> dict:
     parted = sum(size.flip_flops_before for size in found)
     console.print(
         f"Flip-flops as described: {parted:,} in the parts, {about['flip_flops_before']:,} in the "
-        f"whole. Latches, loops, wires of several drivers or none: {len(about['faults'])}."
+        f"whole. Latches, loops, wires with several drivers or none: {len(about['faults'])}."
     )
     for fault in about["faults"]:
         messages.print(fault, markup=False, soft_wrap=True)
@@ -242,7 +245,7 @@ def synthesise_machine(config: Config) -> dict:
 
 
 def _row(sizes: list[Size], count: int | None, paper: int | None) -> Iterable[str]:
-    """Cells of a row: sums, and the largest depth."""
+    """Cells of a table row: sums, and the maximum depth."""
     nand2, speed_nand2 = (
         sum(getattr(size, name) for size in sizes) for name in ("nand2", "speed_nand2")
     )

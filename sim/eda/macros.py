@@ -1,4 +1,4 @@
-"""On-chip memories as modules of their own, for macros to take their place."""
+"""On-chip memories as separate modules that macros can replace."""
 
 import re
 
@@ -37,16 +37,16 @@ endmodule
 
 
 PREFIX = "splatcore"
-"""What names of modules begin with, unless other names are asked for."""
+"""Default prefix of module names."""
 
 
 def memory_name(words: int, bits: int, prefix: str = PREFIX) -> str:
-    """The module of a memory of that size."""
+    """Module name of a memory of that size."""
     return f"{prefix}_memory_{words}x{bits}"
 
 
 def memory_size(module: str) -> tuple[int, int]:
-    """Words and bits of a memory by its module's name."""
+    """Words and bits of a memory, from its module's name."""
     words, bits = map(int, re.findall(r"\d+", module)[-2:])
     return words, bits
 
@@ -59,37 +59,36 @@ def _text(template: str, words: int, bits: int, prefix: str = PREFIX) -> str:
 
 
 def box(words: int, bits: int) -> str:
-    """Verilog of a memory's ports alone, as a black box."""
+    """Verilog of a memory as a black box: its ports only."""
     return _text(BOX, words, bits)
 
 
 def module(words: int, bits: int, prefix: str = PREFIX) -> str:
-    """Verilog of a memory from which tools make what the target has: block RAM, or flip-flops."""
+    """Verilog of a memory, from which tools infer block RAM or flip-flops."""
     return _text(MODULE, words, bits, prefix)
 
 
 class Macros:
-    """An Amaranth platform that makes each synchronous memory an instance of its size's module.
+    """Amaranth platform that replaces each synchronous memory by an instance of a module per size.
 
-    Such a memory has one port to write and one to read, and its rows keep what they are given: none
-    begins with a value. Memories with an asynchronous read port stay as they are: they become
-    flip-flops.
+    Such a memory has one write port and one read port, and no initial values. Memories with an
+    asynchronous read port are not replaced and become flip-flops.
 
-    prefix: what the names of their modules begin with. sizes: (words, bits) of each memory that
-    was replaced.
+    prefix: of the names of the memories' modules
+    sizes: (words, bits) of each replaced memory
     """
 
     def __init__(self, prefix: str = PREFIX):
         self.prefix, self.sizes = prefix, []
 
     def get_memory(self, memory: Memory):
-        """The module that stands for a memory; called by Amaranth."""
+        """Replace a memory; called by Amaranth."""
         if any(port.domain == "comb" for port in memory.read_ports):
             return memory.elaborate(None)
         size = memory.depth, Shape.cast(memory.shape).width
         (write,), (read,) = memory.write_ports, memory.read_ports
         if len(write.en) != 1 or read.transparent_for or any(memory.init):
-            raise ValueError(f"a memory of {size} that has no macro")
+            raise ValueError(f"memory {size}: no macro has its ports or initial values")
         self.sizes.append(size)
         m = Module()
         m.submodules.macro = Instance(

@@ -1,4 +1,4 @@
-"""Mapping of a netlist to a library's cells, by yosys and its ABC."""
+"""Mapping of a netlist to a library's cells by yosys and ABC."""
 
 import json
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ st
 dch -f
 map -B 0.9
 """
-"""Balances logic (`if -g`) before it is mapped."""
+"""Balances logic (`if -g`), then maps it."""
 
 SIZES = f"""\
 topo
@@ -34,38 +34,39 @@ buffer -p -N {FANOUT_MAX}
 upsize -D 1
 dnsize -D 1
 """
-"""`buffer -p -N` makes trees behind what has a larger fan-out, registers (-p) included; `buffer -c`
-buffers every gate of a critical path instead. The time asked for, 1 ps, is never reached: all that
-makes paths shorter is done."""
+"""`buffer -p -N` adds buffer trees to nets with a larger fan-out, registers (-p) included (`buffer
+-c` would buffer every gate of a critical path). The target of 1 ps is never reached, so that sizing
+does all it can to shorten paths."""
 
 PASSES = 2
-"""The second one begins with the gates that the first one found."""
+"""Passes of balancing and mapping; each begins with the gates of the previous one."""
 
 
 def recipe(passes: int) -> str:
-    """What ABC does, with so many passes of balancing and mapping."""
+    """Script for ABC with a number of passes of balancing and mapping."""
     return "\nstrash\nifraig\n" + passes * PASS + SIZES
 
 
 SUMS = ("", "-booth", "-extra-map +/choices/kogge-stone.v")
-"""How sums and products are made, as options of yosys's `synth`: carries by Brent and Kung's tree
-and products from a row for each bit; products from Booth's rows, half as many; carries by Kogge and
-Stone's tree, which has a smaller fan-out and more gates. Which is fastest depends on what is around
-them."""
+"""Ways to build sums and products, as options of yosys's `synth`: Brent-Kung carry trees and one
+row per bit of a product; Booth's products, with half as many rows; Kogge-Stone carry trees, with
+smaller fan-out and more gates. The fastest way depends on the surrounding logic."""
 
 CONSTRAINTS = """\
 set_driving_cell {driver}
 set_load {load:.3f} [all_outputs]
 """
-"""A register drives about as well as a buffer of the second size; each output drives a register."""
+"""Inputs are driven by a buffer of the second size, similar to a register; outputs drive one."""
 
 
 @dataclass(frozen=True)
 class Mapped:
     """A netlist of library cells, memories and black boxes; bits are numbers, or "0", "1", "x".
 
-    cells: kind, name, a bit for each of the kind's pins, inputs first. blocks: module, name, bits
-    by port. ports: name, direction, bits, in order. names: of bits, as the source has them.
+    cells: kind, name, one bit per pin of the kind, inputs first
+    blocks: module, name, bits by port
+    ports: name, direction, bits
+    names: of bits, from the source
     """
 
     cells: list[tuple[str, str, list]]
@@ -75,7 +76,11 @@ class Mapped:
 
 
 def mapped(netlist: Netlist, library: Library, sums: str = "", passes: int = PASSES) -> Mapped:
-    """A netlist in cells of a library, sums made in a way of `SUMS`; synthesised unless known."""
+    """Map a netlist to a library's cells; results are cached.
+
+    sums: one of `SUMS`
+    passes: of balancing and mapping
+    """
     left_out = " ".join(f"-dont_use {name}" for name in library.left_out())
     load = 1000 * sum(library.flip_flop.inputs[library.flip_flop.data]) / 2
     constraints = CONSTRAINTS.format(driver=library.driver.name, load=load)
@@ -86,7 +91,7 @@ def mapped(netlist: Netlist, library: Library, sums: str = "", passes: int = PAS
 
 
 def _summary(files: dict[str, str], pins: dict[str, tuple[str, ...]]) -> dict:
-    """The netlist that yosys has written, as `Mapped` has it."""
+    """Convert yosys's JSON netlist to the fields of `Mapped`."""
     modules = json.loads(files["mapped.json"])["modules"]
     top = modules["top"]
     names: dict[int, str] = {}

@@ -1,9 +1,9 @@
-"""Readable names in generated Verilog: plain identifiers, and a line of Python in most others.
+"""Readable names in generated Verilog: plain identifiers, most others with their line of Python.
 
-Amaranth gives expressions no name, and nets of one name a number: `\\$313`, `\\area$240.groups`,
-which have to be escaped and say nothing. Here the first becomes `frame_py_138_313`, number 313,
-made by line 138 of a file frame.py; what a register takes next is `area_next`,
-what a signal is `area_value`; the second is `area_240__groups`, as ports have their fields.
+Amaranth's names for expressions and for nets of the same name need escaping and say little:
+`\\$313`, `\\area$240.groups`. Here the first becomes `frame_py_138_313`: number 313, from line 138
+of a file frame.py; or `area_next` if it is the next value of a register `area`, `area_value` if it
+is the value of a signal. The second becomes `area_240__groups`, like fields of ports.
 """
 
 import re
@@ -15,28 +15,28 @@ NUMBER = re.compile(r"\$\d+")
 NAMELESS = re.compile(r"\\(\$\d+) ")
 
 ASSIGNED = re.compile(r"^ +(?:assign )?\\(\$\d+) +<?= (.*);$", re.M)
-"""A net without a name that is given a value; the expression. A block does that in many lines."""
+"""An assignment to a net without a name; its expression. In a block it has many lines."""
 
 TAKEN = re.compile(r"^ +(?:if \(.*\) |assign )?(?:\\(\S+) |(\w+)) *(<?)= \\(\$\d+) ;$", re.M)
-"""A signal, escaped or plain, that is a net without a name, or a register that takes it (<)."""
+"""An assignment of a net without a name to a signal, escaped or plain; to a register if <=."""
 
 SOURCE = re.compile(r'\(\* src = "([^":|]*)[^"]*?:(\d+)[^"]*" \*\)')
 
 ATTRIBUTE = re.compile(r'^ *\(\* src = "[^"]*" \*\)\n|\(\* src = "[^"]*" \*\) ?', re.M)
 
 PART = re.compile(r"^(?:\\(\S+) |(\w+) ?)\[(\d+)(?::(\d+))?\]$")
-"""An expression that is a part of a signal, escaped or plain: its bits."""
+"""An expression that is a slice of a signal, escaped or plain."""
 
 BLOCK = re.compile(r"^  always @\*.*?^  end$", re.M | re.S)
 
 PATHS = re.compile(r'(?<=src = ")[^"]+(?=")')
 PLACE = re.compile(r".*/site-packages/|[^|]*/(?=(?:spec|hdl|sim)/[^|]*$)|.*/")
-"""What comes before a file of this project or of a library, or before any other file's name."""
+"""The folders of a path: before a file of this project or of a library, else before its name."""
 
 
 def readable(text: str) -> str:
-    """Verilog with `src` attributes: its nets have plain names, and their paths no folder of the
-    machine on which it was made."""
+    """Make names in Verilog with `src` attributes readable, and remove the folders of the computer
+    on which it was generated from the attributes' paths."""
     text = PATHS.sub(lambda found: _places(found[0]), text)
     taken = set(re.findall(r"\w+", text))
     plain: dict[str, str] = {}
@@ -55,12 +55,12 @@ def readable(text: str) -> str:
 
 
 def without_source(text: str) -> str:
-    """Verilog without `src` attributes."""
+    """Remove `src` attributes from Verilog."""
     return ATTRIBUTE.sub("", text)
 
 
 def _identifier(name: str) -> str:
-    """An escaped name as a plain one: numbers at its end, nothing that Verilog has a use for."""
+    """Convert an escaped name to a plain identifier, with its number at the end."""
     if re.fullmatch(r"\w+", name):
         return f"{name}_"
     number = re.match(r"\$(\d+)(.+)", name)
@@ -70,19 +70,19 @@ def _identifier(name: str) -> str:
 
 
 def _places(paths: str) -> str:
-    """Files and lines of an attribute, without the folders of the machine that made it."""
+    """Files and lines of an attribute, without the folders of the generating computer."""
     return "|".join(PLACE.sub("", path, count=1) for path in paths.split("|"))
 
 
 def _line(found: re.Match, net: str) -> str:
-    """The name of a net after the line that made it."""
+    """Name a net after the line that made it."""
     file = found[1].rpartition("/")[2].replace(".", "_")
     return f"{file}_{found[2]}_{net[1:]}"
 
 
 def _named(module: str, taken: set[str]) -> str:
-    """A module whose nets without names are called after the signal that they are for, else
-    after the line that made them."""
+    """Name a module's unnamed nets after the signal that they are assigned to, else after the line
+    that made them."""
     names: dict[str, str] = {}
     used = set(taken)
 

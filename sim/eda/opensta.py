@@ -1,4 +1,4 @@
-"""Files for OpenSTA (`sta`): a netlist of cells, memories' timing, constraints, a script."""
+"""Files for OpenSTA (`sta`): a netlist of cells, timing of memories, constraints, a script."""
 
 import re
 from pathlib import Path
@@ -12,10 +12,12 @@ from splatcore.sim.eda.template import filled
 def write_opensta(
     timing: Timing, liberty: str | Path, module: str, folder: Path, shipped: str | None = None
 ) -> list[Path]:
-    """Write what OpenSTA wants to know of a netlist into a folder; the paths of the files.
+    """Write the files for OpenSTA into a folder.
 
-    liberty: the library's file. module: the netlist's name, and that of its files. shipped: the
-    machine's constraints, for a script of their own.
+    liberty: the library's file
+    module: name of the netlist and of its files
+    shipped: the delivered constraints; they get a separate script
+    Returns the paths of the files.
     """
     netlist, assumed = timing.netlist, timing.assumed
     ports = netlist.port_names("clk")
@@ -40,7 +42,7 @@ def write_opensta(
 
 
 def memories(netlist: CellNetlist, assumed: Assumed) -> str:
-    """A liberty file of its memories."""
+    """A liberty file of a netlist's memories."""
     pins = {}
     for _, module, ports in netlist.memories:
         named = zip(MEMORY_PORTS, ports, strict=True)
@@ -53,7 +55,7 @@ def memories(netlist: CellNetlist, assumed: Assumed) -> str:
 
 
 def verilog(netlist: CellNetlist, module: str) -> str:
-    """A netlist as one flat module; a flip-flop has the name of its register."""
+    """A netlist as one flat Verilog module; flip-flops are named after their registers."""
     nets = {0: "1'b0", 1: "1'b1"}
     lines, assigned = [f"module {module} (", f"  {', '.join(p.name for p in netlist.ports)});"], []
     for port in netlist.ports:
@@ -95,5 +97,5 @@ def verilog(netlist: CellNetlist, module: str) -> str:
 
 
 def _identifier(name: str) -> str:
-    """A name as Verilog has it, escaped."""
+    """A name as a Verilog identifier, escaped if necessary."""
     return name if re.fullmatch(r"[A-Za-z_]\w*", name) else f"\\{name} "

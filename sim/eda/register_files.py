@@ -1,4 +1,4 @@
-"""The register map: a page for people, a C header for drivers, SystemRDL for other tools."""
+"""Files of the register map: a Markdown page, a C header and driver, SystemRDL."""
 
 import re
 from dataclasses import dataclass
@@ -40,36 +40,36 @@ from splatcore.spec.work import (
 )
 
 FILES = ("registers.md", "splatcore.h", "splatcore.rdl", "splatcore_camera.h")
-"""Files that depend on the machine, each with its template."""
+"""Files that depend on the machine; each has a template."""
 
 DRIVER = ("splatcore_driver.h", "splatcore_driver.c", "splatcore_camera.c")
-"""Files of the example driver that do not."""
+"""Files of the example driver that do not depend on the machine."""
 
 BITS = {
     "CONTROL": {
         "START": (registers.START, "begin a frame"),
-        "ABORT": (registers.ABORT, "give up all frames that have begun"),
+        "ABORT": (registers.ABORT, "abort all frames that have begun"),
     },
     "STATUS": {
-        "READY": (registers.READY, "START is taken and a frame's registers may be written"),
-        "PREPROCESSING": (registers.PREPROCESSING, "points are being made"),
-        "RENDERING": (registers.RENDERING, "tiles are being rendered"),
+        "READY": (registers.READY, "START is accepted and a frame's registers may be written"),
+        "PREPROCESSING": (registers.PREPROCESSING, "a frame's points are being processed"),
+        "RENDERING": (registers.RENDERING, "a frame's tiles are being rendered"),
     },
     "INTERRUPT": {
-        "READY": (registers.INTERRUPT_READY, "STATUS's READY has come"),
+        "READY": (registers.INTERRUPT_READY, "READY in STATUS has risen"),
         "FRAME": (
             registers.INTERRUPT_FRAME,
             "all pixels of a frame are in memory; FINISHED counts them",
         ),
-        "ERROR": (registers.INTERRUPT_ERROR, "something went wrong: ERROR says what"),
+        "ERROR": (registers.INTERRUPT_ERROR, "an error; ERROR has its code"),
     },
 }
 """Bits of registers: mask and meaning by name. INTERRUPT_ENABLE has those of INTERRUPT."""
 
 HALVES = ("PREPROCESSING", "RENDERING")
-"""Names of ERROR's bits for the halves that have given up, the lowest first."""
+"""Names of ERROR's bits for the halves that have aborted a frame, the lowest first."""
 
-REGISTER = f"which one: (address − {FRAME_START:#x}) / {WORD}"
+REGISTER = f"number of the register: (address − {FRAME_START:#x}) / {WORD}"
 
 DETAILS = {
     ErrorCode.LOCKED: REGISTER,
@@ -79,14 +79,14 @@ DETAILS = {
     ErrorCode.READ: ", ".join(f"{k} {name}" for k, name in enumerate(READERS)),
     ErrorCode.WRITE: ", ".join(f"{k} {name}" for k, name in enumerate(WRITERS)),
     ErrorCode.DEGREE: "the model's degree",
-    ErrorCode.STRAY: f"its ID; {1 << ID_BITS} more if it answers a write",
+    ErrorCode.STRAY: f"its ID; plus {1 << ID_BITS} if it answers a write",
 }
-"""The detail, of errors that have one."""
+"""Meaning of the detail, for errors that have one."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """Bits of a register. low: the lowest one; encode: the enumeration of its values."""
+    """A field of a register. low: its lowest bit; encode: enumeration of its values."""
 
     name: str
     low: int
@@ -96,12 +96,12 @@ class Field:
 
 
 def fields(register: Register) -> list[Field]:
-    """Fields of a register; a value that is one whole is the field VALUE."""
+    """Fields of a register; a register with one value has the field VALUE."""
     if register.name == "ERROR":
-        about = "this half has given up its frame by an error"
+        about = "this half has aborted its frame because of an error"
         return [
             Field("CODE", 0, CODE_BITS, "the first error", "splatcore_error"),
-            Field("DETAIL", CODE_BITS, DETAIL_BITS, "says more of it"),
+            Field("DETAIL", CODE_BITS, DETAIL_BITS, "detail of the first error"),
             *(Field(name, HALVES_AT + k, 1, about) for k, name in enumerate(HALVES)),
         ]
     bits = BITS.get(register.name.removesuffix("_ENABLE"))
@@ -118,15 +118,17 @@ RDL_ACCESS = {
     "any": "sw = rw; hw = rw; onwrite = wclr;",
     "control": "sw = w; hw = r; singlepulse;",
 }
-"""Properties in SystemRDL by access; any: ERROR, which any write clears."""
+"""SystemRDL properties by access; any: for ERROR, which any write clears."""
 
 
 def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> list[Path]:
-    """Write the page, the description, the header and the driver into a folder; their paths.
+    """Write the page, the SystemRDL, the header and the driver into a folder.
 
-    prefix: what names of files begin with, and in lower or upper case those in C and SystemRDL."""
+    prefix: of file names, and in lower or upper case of names in C and SystemRDL
+    Returns the paths of the files.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    # as the comments in `ErrorCode` have them
+    # the comments in `ErrorCode`
     meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
     whole = {name: bit // 8 for name, bit in HEADER.offsets.items() if bit % 8 == 0}
     places = {name: place for name, place in whole.items() if name != "reserved"}
@@ -142,7 +144,7 @@ def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> 
         "number": number_facts(config.arithmetic),
         "halves": HALVES,
     } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
-    facts |= {"fields": fields, "access": RDL_ACCESS, "locked": "; locked while points are made"}
+    facts |= {"fields": fields, "access": RDL_ACCESS, "locked": "; locked while READY is low"}
     facts |= {"DETAIL_BITS": DETAIL_BITS, "HALVES_AT": HALVES_AT}
     facts |= {"view": {"VIEW_WORDS": view_words(config)}, "wide": WIDE}
     texts = {name: filled(name, **facts) for name in FILES}
@@ -154,21 +156,21 @@ def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> 
 
 
 def renamed(text: str, prefix: str) -> str:
-    """A text in which names of C and SystemRDL, and of files, begin with another prefix."""
+    """Change the prefix of names in C and SystemRDL, and of files, in a text."""
     names = {PREFIX: prefix, PREFIX.upper(): prefix.upper()}
     found = rf"\b(?:{'|'.join(names)})(?=_|\.(?:h|rdl|xml)\b| \{{)"
     return re.sub(found, lambda name: names[name[0]], text)
 
 
 def view_words(config: Config) -> int:
-    """How many registers depend on background and camera: the last ones of a frame but for those
-    of addresses' upper bits."""
+    """Number of registers that depend on background and camera: the last registers of a frame,
+    without those for the upper bits of addresses."""
     names = [register.name for register in frame_registers(config)]
     return len(names) - len(high_registers(config)) - names.index("BACKGROUND_RED")
 
 
 def sizes(config: Config) -> dict[str, int]:
-    """Sizes that a host needs, by their names in C."""
+    """Sizes for the host, by their names in C."""
     return {
         "WIDTH_MAX": config.width_max,
         "HEIGHT_MAX": config.height_max,
@@ -189,7 +191,7 @@ def sizes(config: Config) -> dict[str, int]:
 
 
 def camera_constants(config: Config) -> dict[str, float]:
-    """Numbers that make a camera's registers, as in `spec.frame`."""
+    """Constants that the C driver needs to compute a camera's registers, as in `spec.frame`."""
     return {
         "NEAR": NEAR_PLANE,
         "SCREEN_EXPONENT": config.screen_exponent,
@@ -202,7 +204,7 @@ def camera_constants(config: Config) -> dict[str, float]:
 
 
 def number_facts(format: Float) -> dict[str, int | str]:
-    """Facts of the C function that makes codes of a format."""
+    """Facts for the C function that encodes numbers in a format."""
     infinity = format.overflow == "infinity"
     least, beyond = (frexp(value)[1] for value in (format.min_normal / 2, format.max))
     if format.subnormal:

@@ -1,4 +1,4 @@
-"""Area and longest paths in cells of a library; and what they come to at 28 nm, by assumptions."""
+"""Area and longest paths in cells of a library, and estimates of both at 28 nm."""
 
 import os
 from collections import Counter
@@ -20,18 +20,23 @@ from splatcore.sim.eda.synth import Netlist
 from splatcore.sim.eda.ways import LONG_FO4, fastest, settled
 
 FO4_28NM = (0.022, 0.025)
-"""ns of an FO4 in 28 nm at the slow corner. ASSUMED: of the range that is told for such processes,
-both ends; the library's own corner may be another one, depths in FO4 hardly depend on it."""
+"""ns per FO4 in 28 nm at the slow corner. ASSUMED: both ends of the range reported for such
+processes. The library may be of another corner: depths in FO4 hardly depend on it."""
 
 UNCERTAINTY = 0.1
-"""Of a period: what the clock's skew and jitter take. ASSUMED; setup times are in the paths."""
+"""Share of the period for skew and jitter of the clock. ASSUMED; setup times are in the paths."""
 
 ADVANCE = Callable[..., None]
 
 
 @dataclass(frozen=True)
 class Silicon:
-    """A netlist of cells; its timing, that of paths between registers alone, and with wires."""
+    """A netlist of cells and its timing.
+
+    timing: of all paths, without wires
+    registers: of paths between registers only
+    wired: of all paths, with wires
+    """
 
     netlist: CellNetlist
     assumed: Assumed
@@ -41,7 +46,7 @@ class Silicon:
 
     @classmethod
     def of(cls, netlist: CellNetlist) -> "Silicon":
-        """That of a netlist."""
+        """Analyse a netlist."""
         plain, wires = (Assumed.of(netlist.library, each) for each in (False, True))
         return cls(
             netlist, plain, Timing(netlist, plain), Timing(netlist, plain, True),
@@ -50,7 +55,7 @@ class Silicon:
 
     @cached_property
     def facts(self) -> dict:
-        """For a table and a JSON file: sizes, and the longest paths."""
+        """Sizes and longest paths, for a table and a JSON file."""
         library, netlist = self.netlist.library, self.netlist
         return {
             "um2": netlist.area,
@@ -66,7 +71,7 @@ class Silicon:
         }
 
     def path_facts(self, path: Path | None) -> dict | None:
-        """A path for a JSON file, and the clock that it leaves room for at 28 nm."""
+        """A path for a JSON file, with the clock frequency that it allows at 28 nm."""
         if path is None:
             return None
         depth = path.time / self.assumed.fo4
@@ -84,16 +89,18 @@ class Silicon:
 
 
 def silicon(component: wiring.Component, library: Library) -> Silicon:
-    """A component on its own, mapped to a library; registers stand on the other side of its
-    ports."""
+    """Map a component on its own to a library, with registers on the other side of its ports."""
     return Silicon.of(put_together(library, {"": fastest(Netlist.of(component), library)}))
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A part of the machine: its instances together. fo4, fo4_wires: the longest path of one of
-    them on its own, without and with wires; None if other parts are inside of it. buffers: of all
-    its cells which share are buffers."""
+    """A part of the machine: its instances together.
+
+    buffers: share of buffers in its cells
+    fo4, fo4_wires: longest path of one instance on its own, without and with wires; None if it
+        contains other parts
+    """
 
     part: Part
     count: int
@@ -105,7 +112,7 @@ class Placed:
 
     @classmethod
     def of(cls, part: Part, pieces: list[Mapped], library: Library) -> "Placed":
-        """A part of these pieces."""
+        """Sum up a part's pieces, one per instance."""
         counts = Counter(kind for piece in pieces for kind, _, _ in piece.cells)
         cells = [(library.cells[kind], count) for kind, count in counts.items()]
         buffers = sum(count for cell, count in cells if cell.computes(0, 1))
@@ -124,11 +131,13 @@ class Placed:
 def machine_silicon(
     hierarchy: Hierarchy, library: Library, advance: ADVANCE
 ) -> tuple[list[Placed], Silicon]:
-    """The machine by its parts, each mapped on its own, and put together again: paths lead
-    through several parts. advance: told of the pieces done, of all, and what is done."""
+    """Map the machine's parts separately, and assemble them for paths through several parts.
+
+    advance: called with pieces done, pieces in all, and the current step
+    """
     places = placed_pieces(hierarchy)
     unique = {piece.text: piece for _, _, piece in places}
-    order = sorted(unique, key=len, reverse=True)  # the longest first: none is alone at the end
+    order = sorted(unique, key=len, reverse=True)  # the longest first, to keep all threads busy
     found = {}
     advance(0, len(order) + 2, "mapping the machine")
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -136,7 +145,7 @@ def machine_silicon(
         for done, (text, piece) in enumerate(zip(order, work, strict=True)):
             found[text] = piece
             advance(done + 1, len(order) + 2, "mapping the machine")
-    advance(len(order), len(order) + 2, "putting the machine together")
+    advance(len(order), len(order) + 2, "assembling the machine")
     netlist, pieces = settled({path: piece for _, path, piece in places}, found, library)
     advance(len(order) + 1, len(order) + 2, "timing the machine")
     parts: dict[Part, list[Mapped]] = {}
@@ -147,8 +156,8 @@ def machine_silicon(
 
 
 def long_paths(timing: Timing, fo4: float = LONG_FO4) -> list[dict]:
-    """Paths longer than so many FO4 by the parts in which they begin and end: how many ends, and
-    the longest one."""
+    """Paths longer than `fo4`, by the parts in which they begin and end: the number of ends, and
+    the longest path."""
     found: dict[tuple[str, str], dict] = {}
     for time, kind, name, net, edge in timing.worst(fo4 * timing.assumed.fo4):
         begin = timing.begin_of(timing.origin[net, edge])
@@ -163,13 +172,13 @@ def long_paths(timing: Timing, fo4: float = LONG_FO4) -> list[dict]:
 
 
 def part_at(end: tuple[str, str]) -> str:
-    """The part of the machine that a register or memory is in; a port is in none."""
+    """The part that contains a register or memory; "port" for a port."""
     kind, name = end
     return kind if kind == "port" else part_around(name)
 
 
 def area_28nm(nand2: float, kilobytes: float) -> dict[str, float]:
-    """mm² of logic and of memories at 28 nm by the paper's ratios of area to gates and bytes."""
+    """mm² of logic and of memories at 28 nm, by the paper's area per gate and per KB."""
     return {
         "logic_mm2": nand2 * paper.UM2_PER_GATE / 1e6,
         "memories_mm2": kilobytes * paper.UM2_PER_KB / 1e6,

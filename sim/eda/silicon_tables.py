@@ -1,4 +1,4 @@
-"""What `splatcore synth --liberty` prints: tables, the longest paths, mm² at 28 nm."""
+"""Output of `splatcore synth --liberty`: tables, the longest paths, mm² at 28 nm."""
 
 from collections.abc import Iterable
 from itertools import groupby
@@ -52,10 +52,13 @@ PATHS = ("longest", "between_registers", "longest_with_wires")
 def print_silicon(
     config: Config, stages: list[str], liberty: str, process: float | None, output: Path | None
 ) -> dict:
-    """Print stages, or all of it, in cells of a library; the same for a JSON file.
+    """Print stages, or the whole machine, in cells of a library.
 
-    liberty: the library's file. process: its nm, if its area shall be scaled. output: a folder for
-    OpenSTA's files.
+    stages: names; "top" for the whole machine
+    liberty: the library's file
+    process: its feature size in nm, to scale its area to 28 nm
+    output: folder for OpenSTA's files
+    Returns the same figures for a JSON file.
     """
     library = read_liberty(liberty)
     facts, found = {"liberty": _about(library)}, {}
@@ -84,7 +87,7 @@ def print_silicon(
 
 
 def _about(library: Library) -> dict:
-    """What a library is, and what its units are."""
+    """Facts of a library: its corner and its units of area and delay."""
     assumed = Assumed.of(library)
     return {
         "library": library.name, "corner": library.corner,
@@ -95,7 +98,7 @@ def _about(library: Library) -> dict:
 
 
 def _print_stages(config: Config, library: Library, stages: dict[str, dict]):
-    """A table of stages and a line for each path."""
+    """Print a table of stages and one line per path."""
     about = _about(library)
     table = new_table("stage", COLUMNS, f"preset {config.name} in {library.name}")
     for name, facts in stages.items():
@@ -113,20 +116,20 @@ def _print_stages(config: Config, library: Library, stages: dict[str, dict]):
             if facts[kind] is not None and not (
                 kind == "between_registers" and facts[kind] == facts["longest"]
             ):
-                _say(f"{name}, {kind.replace('_', ' ')}: {_described(facts[kind])}")
-    _say(
+                _print(f"{name}, {kind.replace('_', ' ')}: {_described(facts[kind])}")
+    _print(
         f"Corner: {about['corner']}. FO4 {about['fo4_ps']:.1f} ps, NAND2 "
         f"{about['nand2_um2']:g} um² ({about['nand2']}). ASSUMED: memories "
         f"{MEMORY_ACCESS_FO4} FO4 to their outputs and {MEMORY_SETUP_FO4} FO4 setup; with wires, "
-        f"{WIRE_INVERTERS} inverter's input more for each load; at 28 nm an FO4 of "
+        f"{WIRE_INVERTERS} inverter input in addition per load; at 28 nm an FO4 of "
         f"{1000 * FO4_28NM[0]:.0f} to {1000 * FO4_28NM[1]:.0f} ps at the slow corner and "
         f"{UNCERTAINTY:.0%} of the period for skew and jitter, without wires. "
-        f"The paper's: {paper.CLOCK_HZ / 1e6:.0f} MHz."
+        f"The paper: {paper.CLOCK_HZ / 1e6:.0f} MHz."
     )
 
 
 def _described(path: dict) -> str:
-    """A path as a line: its ends, and each cell with the ps at which it has switched."""
+    """A path as a line of text: its ends, and each cell with the ps at which it switches."""
     ends = f"from {path['from']['kind']} {path['from']['name']} to {path['to']['kind']} "
     cells = ", ".join(f"{step['cell'] or 'begin'} {step['ps']:.0f}" for step in path["cells"])
     return f"{path['ps']:,.0f} ps, {path['fo4']:.1f} FO4, {ends}{path['to']['name']}; ps: {cells}"
@@ -135,7 +138,7 @@ def _described(path: dict) -> str:
 def _print_machine(
     config: Config, library: Library, parts: list[Placed], whole: Silicon, process: float | None
 ) -> dict:
-    """A table of the machine's parts, slow paths across them, mm² at 28 nm; for a JSON file."""
+    """Print the machine's parts, slow paths across them, mm² at 28 nm; return them for JSON."""
     headings = ("count", "um²", "NAND2", "flip-flops", "buffers", "FO4 alone", "wires", "paper")
     table = new_table("part", headings, f"preset {config.name} in {library.name}")
     for stage, group in groupby(parts, key=lambda each: each.part.stage):
@@ -146,12 +149,12 @@ def _print_machine(
     table.add_row("all", *_row(library, parts, paper.GATES_ALL), style="bold")
     print_whole(table)
     cells, total = len(whole.netlist.kinds), sum(each.um2 for each in parts)
-    _say(
-        f"Put together: {cells:,} cells, {whole.netlist.area:,.0f} um²; the sum of the parts is "
+    _print(
+        f"Assembled: {cells:,} cells, {whole.netlist.area:,.0f} um²; the sum of the parts is "
         f"{total:,.0f} um². Memories: {len(whole.netlist.memories)}."
     )
     paths = long_paths(whole.timing)
-    table = new_table(f"paths beyond {LONG_FO4} FO4", ("ends", "FO4", "ps"), texts=("from", "to"))
+    table = new_table(f"paths above {LONG_FO4} FO4", ("ends", "FO4", "ps"), texts=("from", "to"))
     for row in paths:
         name = f"{row['from_part']} → {row['to_part']}"
         table.add_row(
@@ -163,7 +166,7 @@ def _print_machine(
     mm2 = area_28nm(total / library.nand2.area, kilobytes)
     if process:
         mm2["logic_scaled_mm2"] = total / 1e6 * (28 / process) ** 2
-    _say(_area_line(mm2, kilobytes, process))
+    _print(_area_line(mm2, kilobytes, process))
     return {
         "parts": {
             each.part.name: {
@@ -189,15 +192,15 @@ def _area_line(mm2: dict[str, float], kilobytes: float, process: float | None) -
         )
     theirs = sum(paper.AREA.values()) / 1e6, sum(paper.MEMORY_AREA.values()) / 1e6
     return (
-        f"At 28 nm by the paper's own {paper.UM2_PER_GATE:.3f} um² a gate and "
-        f"{paper.UM2_PER_KB:,.0f} um² a KB: {ours}, {logic + memories:.3f} "
-        f"mm² together.{scaled} The paper's: {theirs[0]:.3f} and {theirs[1]:.3f} mm² for "
-        f"{sum(paper.MEMORIES.values())} KB, {sum(theirs):.3f} mm²."
+        f"At 28 nm with the paper's {paper.UM2_PER_GATE:.3f} um² per gate and "
+        f"{paper.UM2_PER_KB:,.0f} um² per KB: {ours}, {logic + memories:.3f} "
+        f"mm² in all.{scaled} The paper: {theirs[0]:.3f} and {theirs[1]:.3f} mm² for "
+        f"{sum(paper.MEMORIES.values())} KB, {sum(theirs):.3f} mm² in all."
     )
 
 
 def _row(library: Library, parts: list[Placed], theirs: int | None) -> Iterable[str]:
-    """Cells of a row: sums."""
+    """Cells of a table row: sums."""
     yield str(parts[0].count) if len(parts) == 1 else ""
     um2 = sum(each.um2 for each in parts)
     yield f"{um2:,.0f}"
@@ -210,5 +213,5 @@ def _row(library: Library, parts: list[Placed], theirs: int | None) -> Iterable[
     yield f"{theirs:,}" if theirs else ""
 
 
-def _say(text: str):
+def _print(text: str):
     console.print(text, soft_wrap=True, markup=False)

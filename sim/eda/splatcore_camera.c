@@ -1,4 +1,4 @@
-/* A camera as register values, in user space: C99 with -lm. Apache-2.0. */
+/* Computes a camera's register values, in user space: C99 with -lm. Apache-2.0. */
 #include "splatcore_camera.h"
 
 static void put(struct splatcore_view *view, uint32_t address, uint32_t value)
@@ -16,7 +16,7 @@ static double larger(double a, double b)
     return a > b ? a : b;
 }
 
-/* The camera's place in steps of the model's grid, in two registers a coordinate. */
+/* Write the camera's position in steps of the model's grid: two registers per coordinate. */
 static void put_place(struct splatcore_view *view, const struct splatcore_camera *camera,
                       int grid_exponent)
 {
@@ -35,7 +35,7 @@ static void put_place(struct splatcore_view *view, const struct splatcore_camera
     }
 }
 
-/* Intrinsics and rotation as the projection wants them. */
+/* Write the constants of the projection: intrinsics and rotation. */
 static void put_lens(struct splatcore_view *found, const struct splatcore_camera *camera,
                      int factor_exponent)
 {

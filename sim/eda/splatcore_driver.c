@@ -1,4 +1,4 @@
-/* A driver of Splatcore: splatcore_driver.h says what it does. Apache-2.0. */
+/* Driver of Splatcore; splatcore_driver.h explains its functions. Apache-2.0. */
 #include "splatcore_driver.h"
 
 int32_t splatcore_open(void *device)
@@ -13,7 +13,7 @@ int32_t splatcore_open(void *device)
     return 0;
 }
 
-/* Give up all frames: what has not come in time shall not come later. */
+/* Abort all frames, so that no late frame writes to memory. */
 static int32_t timeout(void *device)
 {
     splatcore_write(device, SPLATCORE_CONTROL, SPLATCORE_CONTROL_ABORT);
@@ -30,7 +30,7 @@ int32_t splatcore_ready(void *device, uint32_t pauses)
     return 0;
 }
 
-/* An address's register, or two of them. */
+/* Write an address to its register, or to its two registers. */
 #if SPLATCORE_ADDRESS_BITS > 32
 #define WRITE_ADDRESS(name, address) \
     (splatcore_write(device, SPLATCORE_##name, (uint32_t)(address)), \
@@ -39,7 +39,7 @@ int32_t splatcore_ready(void *device, uint32_t pauses)
 #define WRITE_ADDRESS(name, address) splatcore_write(device, SPLATCORE_##name, address)
 #endif
 
-/* Where the parts lie: work area 1 behind work area 0. */
+/* Write the addresses of all areas; work area 1 follows work area 0. */
 static void write_memory(void *device, const struct splatcore_memory *memory)
 {
     const uint32_t pages = memory->pages, features = memory->features;
@@ -102,8 +102,8 @@ int32_t splatcore_finished(void *device, uint32_t frames, uint32_t pauses)
     return 0;
 }
 
-/* A driver of several frames starts the next one when it has seen READY, with another image, and
- * waits for FINISHED after that. */
+/* To overlap frames, start the next frame, with another image, when READY is high, then wait for
+ * FINISHED. */
 int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
                         const struct splatcore_view *view, uint32_t pages_max, uint32_t pauses)
 {
@@ -117,7 +117,7 @@ int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
         if (failed < 0 || (failed & (int32_t)SPLATCORE_ERROR_CODE_MASK) != SPLATCORE_ERROR_PAGES)
             return failed;
         uint32_t needed = splatcore_read(device, SPLATCORE_NEEDED);
-        if (needed > pages_max || needed <= memory->pages) /* it counts no further than its mask */
+        if (needed > pages_max || needed <= memory->pages) /* NEEDED saturates at its mask */
             return failed;
         memory->pages = needed;
     }

@@ -1,8 +1,8 @@
-/* A driver of Splatcore, of whole numbers alone: for a kernel, or for firmware. Apache-2.0.
+/* Driver of Splatcore for a kernel or firmware, with integers only. Apache-2.0.
  *
- * C99, freestanding. What depends on a camera comes as register values, which splatcore_camera.c
- * makes in user space. The platform provides the first three functions. Caches are its matter too:
- * what the host has written must be in memory before START, and the image must be read from memory.
+ * C99, freestanding. Register values that depend on a camera come from splatcore_camera.c, which
+ * runs in user space. The platform provides the first three functions and manages caches: data
+ * written by the host must be in memory before START, and the image must be read from memory.
  */
 #ifndef SPLATCORE_DRIVER_H
 #define SPLATCORE_DRIVER_H
@@ -13,16 +13,16 @@
 extern "C" {
 #endif
 
-void splatcore_write(void *device, uint32_t address, uint32_t value); /* a register */
-uint32_t splatcore_read(void *device, uint32_t address);
-void splatcore_pause(void *device); /* until the interrupt is high, but a while at most */
+void splatcore_write(void *device, uint32_t address, uint32_t value); /* write a register */
+uint32_t splatcore_read(void *device, uint32_t address); /* read a register */
+void splatcore_pause(void *device); /* wait until the interrupt is high, for a limited time */
 
-/* What a function returns: 0, else ERROR's value (a code, above it a detail, above that the halves
- * that have given up a frame), else one of these, which no value of ERROR is. */
+/* Functions return 0 for success; the value of ERROR (from the lowest bit: code, detail, one bit
+ * per half that has aborted a frame); or one of these, which are never values of ERROR. */
 enum splatcore_failure {
-    SPLATCORE_NO_DEVICE = -1, /* ID is another one, or the packed models that it takes are */
+    SPLATCORE_NO_DEVICE = -1, /* not the machine of splatcore.h */
     SPLATCORE_NO_FRAME = -2,  /* the image is too large for the machine, or empty */
-    SPLATCORE_TIMEOUT = -3    /* what is waited for has not come; frames have been given up */
+    SPLATCORE_TIMEOUT = -3    /* waited too long; all frames have been aborted */
 };
 
 #if SPLATCORE_ADDRESS_BITS > 32
@@ -31,40 +31,40 @@ typedef uint64_t splatcore_address;
 typedef uint32_t splatcore_address;
 #endif
 
-/* Physical addresses, multiples of SPLATCORE_WORK_ALIGNMENT: a packed model, two work areas, scratch
- * memory, an image; and what there is room for in each area: list pages, features. None of them may
- * cross a multiple of 4 GiB (ERROR says RANGE). */
+/* Physical addresses, multiples of SPLATCORE_WORK_ALIGNMENT, of a packed model, two work areas,
+ * scratch memory and an image; and capacity of each work area in list pages and features. No area
+ * may cross a multiple of 4 GiB (else ERROR reports RANGE). */
 struct splatcore_memory {
     splatcore_address model, work, scratch, image;
     uint32_t pages, features;
 };
 
-/* An image's size, and values of the registers from SPLATCORE_VIEW_AT on: background, camera. */
+/* An image's size, and values for the registers from SPLATCORE_VIEW_AT on: background, camera. */
 struct splatcore_view {
     uint32_t width, height;
     uint32_t words[SPLATCORE_VIEW_WORDS];
 };
 
-/* Check that there is the machine that splatcore.h is of; enable its interrupts. */
+/* Check that the device is the machine of splatcore.h; enable its interrupts. */
 int32_t splatcore_open(void *device);
 
-/* Wait for READY in STATUS, for so many pauses at most. */
+/* Wait for READY in STATUS, for at most `pauses` pauses. */
 int32_t splatcore_ready(void *device, uint32_t pauses);
 
-/* Begin a frame; only while STATUS says READY. */
+/* Start a frame; READY in STATUS must be high. */
 int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
                         const struct splatcore_view *view);
 
-/* Wait for one of these bits of INTERRUPT, for so many pauses at most. */
+/* Wait for one of the bits `events` of INTERRUPT, for at most `pauses` pauses. */
 int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses);
 
-/* Wait until FINISHED, the count of complete frames, has come to a value (both modulo 2^16), for so
- * many pauses at most between two of them. With two frames in flight FRAME alone does not do: the
- * second may be complete before the host has cleared the bit that the first has set. */
+/* Wait until FINISHED, the number of complete frames modulo 2^16, reaches `frames`, with at most
+ * `pauses` pauses between two frames. With two frames in flight the bit FRAME is not enough: the
+ * second frame may be complete before the host has cleared the bit set by the first. */
 int32_t splatcore_finished(void *device, uint32_t frames, uint32_t pauses);
 
-/* Render one frame into memory->image. Where lists need more pages than there are, so many are
- * taken, up to pages_max, and the frame is begun again. */
+/* Render one frame into memory->image. If the lists need more than memory->pages pages, it is set
+ * to the number needed, up to pages_max, and the frame is started again. */
 int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
                         const struct splatcore_view *view, uint32_t pages_max, uint32_t pauses);
 

@@ -1,7 +1,7 @@
-"""Static timing of a netlist of library cells: when each net changes at the latest, the paths.
+"""Static timing of a netlist of library cells: latest arrivals at all nets, longest paths.
 
-The clock is ideal: it arrives everywhere at 0, without a slew. Flip-flops by the library, with
-clock-to-output and setup; memories and ports by what `Assumed` says.
+The clock is ideal: it arrives everywhere at 0, without a slew. Clock-to-output and setup times of
+flip-flops are the library's; times of memories and ports are those of `Assumed`.
 """
 
 from collections.abc import Iterator
@@ -15,24 +15,27 @@ from splatcore.sim.eda.delays import Arcs, fo4, propagate
 from splatcore.sim.eda.liberty import Library
 
 MEMORY_ACCESS_FO4 = 16
-"""From the clock to a memory's output, in FO4, whatever its size. ASSUMED: 0.4 ns at 25 ps, as of a
-compiled memory of some KB; a macro's data sheet says its own."""
+"""From the clock to a memory's output in FO4, for all sizes. ASSUMED: 0.4 ns at 25 ps per FO4, like
+a compiled memory of a few KB; a macro's data sheet has the real time."""
 
 MEMORY_SETUP_FO4 = 4
-"""From a memory's inputs to its clock, in FO4. ASSUMED likewise."""
+"""Setup time of a memory's inputs in FO4. ASSUMED, like the access time."""
 
 WIRE_INVERTERS = 1
-"""Capacitance that each load adds to its net's wire, in inputs of the smallest inverter. ASSUMED:
-without a floorplan nobody knows; about what the tables of wire loads in open 130 nm libraries say
-of blocks of 1,000 cells. No resistance."""
+"""Wire capacitance per load, in inputs of the smallest inverter. ASSUMED, as it is unknown without
+a floorplan; similar to the wire load tables of open 130 nm libraries for blocks of 1,000 cells.
+Resistance is ignored."""
 
 
 @dataclass(frozen=True)
 class Assumed:
-    """Times in ns and capacitances in pF that a library does not say.
+    """Assumed times in ns and capacitances in pF that are not in a library.
 
-    launch, slew: of input ports, as of a flip-flop with a load of four inverters. setup, load: of
-    output ports, as of a flip-flop's input. access, memory_setup: of memories. wire: of each load.
+    fo4: unit of delay
+    launch, slew: of input ports, like a flip-flop with a load of four inverters; by edge
+    setup, load: of output ports, like a flip-flop's input
+    access, memory_setup: of memories
+    wire: capacitance per load
     """
 
     fo4: float
@@ -46,7 +49,7 @@ class Assumed:
 
     @classmethod
     def of(cls, library: Library, wires: bool = False) -> "Assumed":
-        """A library's."""
+        """Derive the assumptions from a library. wires: whether wires have a capacitance."""
         cell, arcs = library.flip_flop, Arcs([library.flip_flop])
         (inverter,) = library.inverter.inputs.values()
         launch = next(arc for arc in cell.arcs if arc.kind == "rising_edge")
@@ -67,9 +70,13 @@ class Assumed:
 
 @dataclass(frozen=True)
 class Path:
-    """A path between two edges of the clock. time: ns, setup included. begin, end: names of
-    registers, memories or ports, with their kind. steps: (kind of cell, net that it drives, ns at
-    which that net has changed, loads of that net), from the register on."""
+    """A path between two edges of the clock.
+
+    time: ns, setup included
+    begin, end: kind (register, memory or port) and name
+    steps: kind of cell, net that it drives, arrival in ns at that net, number of its loads; from
+        the begin on
+    """
 
     time: float
     begin: tuple[str, str]
@@ -78,9 +85,9 @@ class Path:
 
 
 class Timing:
-    """Arrivals at all nets of a netlist; slowest paths.
+    """Arrivals at all nets of a netlist, and its longest paths.
 
-    registers_only: paths that begin at a port or a memory, or end there, are left out.
+    registers_only: whether to ignore paths that begin or end at a port or a memory
     """
 
     def __init__(self, netlist: CellNetlist, assumed: Assumed, registers_only: bool = False):
@@ -105,7 +112,7 @@ class Timing:
             raise ValueError(f"{netlist.nets - found} nets are in combinational loops")
 
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
-        """pF of each net, rising and falling, and how many loads it has."""
+        """Capacitance of each net in pF [nets, 2], rising and falling, and its number of loads."""
         netlist, wire = self.netlist, self.assumed.wire
         load, fanout = np.zeros((netlist.nets, 2)), np.zeros(netlist.nets, np.int64)
 
@@ -124,7 +131,7 @@ class Timing:
         return load, fanout
 
     def _arcs_of(self, *kinds: str) -> np.ndarray:
-        """All arcs of these kinds: net at the beginning and at the end, number of the arc, cell."""
+        """All arcs of these kinds [arcs, 4]: begin net, end net, number of the arc, cell."""
         found = [np.zeros((4, 0), np.int64)]
         for cell, cells, nets in self.netlist.by_kind():
             for arc in cell.arcs:
@@ -134,13 +141,13 @@ class Timing:
         return np.concatenate(found, axis=1).T
 
     def _sorted_arcs(self) -> np.ndarray:
-        """Those of logic, by the net at their beginning; none begins at a constant."""
+        """Arcs of logic, sorted by their begin nets; without arcs from or to constants."""
         arcs = self._arcs_of("")
         arcs = arcs[(arcs[:, 0] > 1) & (arcs[:, 1] > 1)]
         return arcs[np.argsort(arcs[:, 0], kind="stable")]
 
     def _launch_others(self):
-        """Arrivals at ports and memories' outputs."""
+        """Set arrivals at input ports and outputs of memories."""
         netlist, assumed = self.netlist, self.assumed
         for port in netlist.ports:
             if port.is_input and port.name != "clk":
@@ -153,7 +160,7 @@ class Timing:
                 self.begins[net] = "memory", path
 
     def _launch_registers(self):
-        """Arrivals at flip-flops' outputs."""
+        """Set arrivals at outputs of flip-flops."""
         arcs = self._arcs_of("rising_edge")
         self.launching = dict(zip(arcs[:, 1].tolist(), arcs[:, 3].tolist(), strict=True))
         for edge in range(2):
@@ -164,7 +171,7 @@ class Timing:
 
     @cached_property
     def ends(self) -> list[tuple[str, np.ndarray, np.ndarray, list[str]]]:
-        """What the clock samples, by kind: nets, setup times by edge, names."""
+        """Ends of paths, by kind (register, memory, port): nets, setup times by edge, names."""
         netlist, assumed, found = self.netlist, self.assumed, []
         arcs = self._arcs_of("setup_rising")
         setup = [
@@ -193,14 +200,13 @@ class Timing:
         return found
 
     def begin_of(self, net: int) -> tuple[str, str]:
-        """Kind and name of what a path begins at."""
+        """Kind and name of the register, memory or port at which a path begins."""
         if (cell := self.launching.get(int(net))) is not None:
             return "register", self.netlist.register(cell)
         return self.begins.get(int(net), ("net", self.netlist.name(net)))
 
     def worst(self, longer: float = 0.0) -> Iterator[tuple[float, str, str, int, int]]:
-        """Ends that take longer than so many ns, from the longest: time, kind and name of the
-        end, net, edge."""
+        """Ends of paths longer than `longer` ns, longest first: time, kind, name, net, edge."""
         found = []
         for kind, nets, setup, names in self.ends:
             times = np.where(self.arrival[nets] >= 0, self.arrival[nets] + setup, -1.0)
@@ -211,7 +217,7 @@ class Timing:
         return iter(sorted(found, reverse=True))
 
     def path(self, time: float, kind: str, name: str, net: int, edge: int) -> Path:
-        """The path to an end that `worst` has found."""
+        """The longest path to an end found by `worst`."""
         steps = []
         netlist = self.netlist
         while True:
@@ -226,7 +232,7 @@ class Timing:
 
     @cached_property
     def longest(self) -> Path | None:
-        """None of a netlist without a path."""
+        """The longest path; None for a netlist without paths."""
         return next((self.path(*end) for end in self.worst()), None)
 
 

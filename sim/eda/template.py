@@ -1,4 +1,4 @@
-"""Templates for files beside Verilog."""
+"""Templates of generated files."""
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -12,5 +12,9 @@ ENVIRONMENT = Environment(
 
 
 def filled(name: str, room: str = "eda", **facts) -> str:
-    """The template `NAME.jinja` of a folder of `sim` with these facts."""
+    """Fill the template `NAME.jinja` in a folder of `sim`.
+
+    room: the folder
+    facts: variables of the template
+    """
     return ENVIRONMENT.get_template(f"{room}/{name}.jinja").render(facts)

@@ -1,4 +1,4 @@
-"""Verilog of the machine and of its stages, files for tools beside it, and lint."""
+"""Verilog of the machine and of its stages, accompanying files for tools, and lint."""
 
 import re
 import subprocess
@@ -33,17 +33,17 @@ HEADER = """\
 """
 
 MEMORIES_HEADER = """\
-// Splatcore's memories, preset {preset}. Generated; memories.csv says where they are.
+// Splatcore's memories, preset {preset}. Generated; memories.csv lists their instances.
 // Apache-2.0.
 //
-// One port to write and one to read, each row read a cycle later; what is read stays until the next
-// read. A row is never read in the cycle in which it is written; rows begin with no value. To
-// replace one by a macro give its module another body.
+// One write port and one read port; a row is read with a latency of one cycle, and read_data stays
+// until the next read. A row is never read in the cycle in which it is written. Rows have no
+// initial values. To use a macro, replace the body of its module.
 
 """
 
 WAIVERS = Path(__file__).with_name("waivers.vlt")
-"""Messages of lint that generated Verilog may cause, each with its reason."""
+"""Lint messages allowed for generated Verilog, each with its reason."""
 
 INSTANCE = re.compile(r"^  (\w+) +(\w+) +\($", re.M)
 
@@ -52,20 +52,23 @@ RESET_CYCLES = 2
 
 @dataclass(frozen=True)
 class Names:
-    """What Verilog is written with. prefix: of the names of modules and files. source_lines:
-    whether attributes `src` name lines of Python."""
+    """Naming of generated Verilog.
+
+    prefix: of the names of modules and files
+    source_lines: whether to keep attributes `src` that name lines of Python
+    """
 
     prefix: str = PREFIX
     source_lines: bool = True
 
     @property
     def top(self) -> str:
-        """The machine's module."""
+        """Name of the machine's module."""
         return f"{self.prefix}_top"
 
     @property
     def sources(self) -> list[str]:
-        """The machine's files of Verilog."""
+        """Names of the machine's Verilog files."""
         return [f"{self.prefix}_memories.v", f"{self.top}.v"]
 
 
@@ -75,9 +78,10 @@ NAMES = Names()
 def memory_list(
     shapes: list[tuple[int, int]], instances: Iterable[tuple[str, str]], prefix: str
 ) -> str:
-    """Memories as CSV: module, words, bits, ports, how many there are, which instances.
+    """Memories as CSV: module, words, bits, ports, number and paths of its instances.
 
-    instances: (path, module) of all modules of the machine.
+    shapes: words and bits of each module
+    instances: (path, module) of all instances of the machine
     """
     places: dict[str, list[str]] = {memory_name(*shape, prefix): [] for shape in shapes}
     for path, name in instances:
@@ -93,19 +97,19 @@ def memory_list(
 
 
 def core(config: Config, names: Names) -> str:
-    """A core file for FuseSoC."""
+    """Core file for FuseSoC."""
     facts = {"config": config, "names": names, "waivers": WAIVERS.name}
     return filled("splatcore.core", version=version("splatcore"), **facts)
 
 
 def testbench(config: Config, names: Names) -> str:
-    """A testbench for any simulator, of registers alone."""
+    """Testbench of the registers, for any Verilog simulator."""
     facts = {"registers": register_map(config), "ids": ID_BITS, "reset": RESET_CYCLES}
     return filled("testbench.v", config=config, names=names, **facts)
 
 
 def ports_of(component: wiring.Component) -> dict[bool, list[str]]:
-    """Names of its inputs (True) and outputs in Verilog, without clk and rst."""
+    """Verilog names of a component's inputs (True) and outputs, without clk and rst."""
     ports: dict[bool, list[str]] = {True: [], False: []}
     for path, member, _ in component.signature.flatten(component):
         ports[member.flow == In].append("__".join(map(str, path)))
@@ -113,7 +117,10 @@ def ports_of(component: wiring.Component) -> dict[bool, list[str]]:
 
 
 def constraints(config: Config, ports: dict[bool, list[str]]) -> str:
-    """Constraints for synthesis and timing at `CLOCK_HZ`. ports: inputs (True) and outputs."""
+    """Constraints for synthesis and timing at `CLOCK_HZ` (SDC).
+
+    ports: names of inputs (True) and outputs
+    """
     period = 1e9 / CLOCK_HZ
     times = {"period": period, "uncertainty": period / 10, "half": period / 2}
     facts = {"config": config, "megahertz": CLOCK_HZ / 1e6, "reset": RESET_CYCLES}
@@ -127,7 +134,11 @@ def stage_source(
     platform: Macros | None = None,
     names: Names = NAMES,
 ) -> str:
-    """Verilog text of a component, its docstring on top; memories are inside without a platform."""
+    """Verilog of a component with its docstring as a comment at the top.
+
+    name: of the stage; the module's name is this with the prefix
+    platform: makes memories separate modules; by default they are inside
+    """
     about = "\n".join(f"// {line}".rstrip() for line in (component.__doc__ or "").splitlines())
     source = type(component).__module__.removeprefix("splatcore.").replace(".", "/") + ".py"
     head = HEADER.format(name=name, source=source, preset=config.name, about=about)
@@ -137,8 +148,8 @@ def stage_source(
 
 
 def _plain(text: str, top: str) -> str:
-    """Verilog whose modules have names without dots, and no wires of no bits, [-1:0], which would
-    be two."""
+    """Replace dots in names of modules, and remove wires of width 0, [-1:0], which Verilog would
+    take for two bits."""
     names: dict[str, str] = {}
 
     def rename(found: re.Match) -> str:
@@ -152,7 +163,7 @@ def _plain(text: str, top: str) -> str:
 
 
 def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
-    """Path and module of all that is inside of a Verilog text's top module."""
+    """Path and module of all instances in the top module of a Verilog text."""
     modules = re.split(r"^module ", text, flags=re.M)[1:]
     inside = {re.match(r"\w+", body)[0]: INSTANCE.findall(body) for body in modules}
 
@@ -165,7 +176,7 @@ def instances(text: str, top: str) -> Iterator[tuple[str, str]]:
 
 
 def write_stages(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
-    """Write every stage of a machine into a folder, and the waivers; the paths of the files."""
+    """Write all stages of a machine and the waivers into a folder. Returns the files' paths."""
     texts = {
         f"{names.prefix}_{k}.v": stage_source(k, make(config), config, names=names)
         for k, make in STAGES.items()
@@ -174,7 +185,10 @@ def write_stages(config: Config, folder: Path, names: Names = NAMES) -> list[Pat
 
 
 def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
-    """Write the whole machine into a folder, its memories, and what tools want to know of them."""
+    """Write the whole machine, its memories and files for tools into a folder.
+
+    Returns the files' paths.
+    """
     top, macros = Top(config), Macros(names.prefix)
     source = stage_source("top", top, config, macros, names)
     shapes = sorted(set(macros.sizes))
@@ -191,7 +205,7 @@ def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
 
 
 def _written(folder: Path, texts: dict[str, str]) -> list[Path]:
-    """Write files by name into a folder, and the waivers; their paths."""
+    """Write files, text by name, and the waivers into a folder. Returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     texts |= {WAIVERS.name: WAIVERS.read_text()}
     paths = {folder / name: text for name, text in texts.items()}
@@ -201,16 +215,16 @@ def _written(folder: Path, texts: dict[str, str]) -> list[Path]:
 
 
 def write_registers(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
-    """Write what software wants to know of a machine into a folder; the paths of the files."""
+    """Write register map, C header and driver into a folder. Returns the files' paths."""
     return write_register_files(config, folder, names.prefix)
 
 
 WRITERS = {"top": write_top, "registers": write_registers, "stages": write_stages}
-"""Files to write, by name: functions of a machine, a folder and names that return paths."""
+"""Writers of files by name: functions of a machine, a folder and names, which return paths."""
 
 
 def lint(top: str, *paths: Path) -> list[str]:
-    """Messages of `verilator --lint-only -Wall` about files beyond the waivers."""
+    """Messages of `verilator --lint-only -Wall` for these files that are not waived."""
     done = subprocess.run(
         ["verilator", "--lint-only", "-Wall", "--top-module", top, WAIVERS, *paths],
         env=environment(), capture_output=True, text=True, check=False,

@@ -1,4 +1,4 @@
-"""In which of several ways each part of the machine is mapped to cells."""
+"""Choice of the way in which each part of the machine is mapped to cells."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -11,22 +11,22 @@ from splatcore.sim.eda.static_timing import Assumed, Path, Timing
 from splatcore.sim.eda.synth import Netlist
 
 LONG_FO4 = 45
-"""Paths that take longer are named: 0.9 · 1.25 ns / 25 ps, what 800 MHz leave room for."""
+"""Longest path for 800 MHz: 0.9 · 1.25 ns / 25 ps. Longer paths are listed."""
 
 ALONE_FO4 = 44.5
-"""What a part may take on its own: a path from a part before it may begin later than one from a
-register at its port, as it is assumed there."""
+"""Longest path of a part on its own, a bit less: paths from other parts may arrive later than those
+from the assumed registers at its ports."""
 
 
 def ways(netlist: Netlist, library: Library, passes: int) -> Iterator[Mapped]:
-    """A netlist in cells, its sums made in each way of `SUMS`."""
+    """Map a netlist to cells in each way of `SUMS`."""
     return (mapped(netlist, library, sums, passes) for sums in SUMS)
 
 
 def cost(piece: Mapped, library: Library) -> tuple[float, float]:
-    """FO4 of a part's longest path, or `ALONE_FO4` if it is shorter; its um².
+    """FO4 of a part's longest path, at least `ALONE_FO4`; and its um².
 
-    Of blocks that are no memory nothing is known here: paths end at them.
+    Blocks other than memories are unknown here: paths end at them.
     """
     assumed = Assumed.of(library, False)
     blocks = [block for block in piece.blocks if block[0].startswith(MEMORY)]
@@ -36,8 +36,8 @@ def cost(piece: Mapped, library: Library) -> tuple[float, float]:
 
 
 def fastest(netlist: Netlist, library: Library) -> Mapped:
-    """The smallest of a netlist's `ways` whose longest path is not above `ALONE_FO4`; if all are,
-    with a pass more; the fastest one if all still are."""
+    """The smallest of a netlist's `ways` whose longest path is at most `ALONE_FO4`; with one more
+    pass if there is none; else the fastest of all."""
     found: list[tuple[tuple[float, float], Mapped]] = []
     for passes in (PASSES, PASSES + 1):
         found += [(cost(way, library), way) for way in ways(netlist, library, passes)]
@@ -48,8 +48,13 @@ def fastest(netlist: Netlist, library: Library) -> Mapped:
 
 
 class Trial(NamedTuple):
-    """The machine put together from pieces by their paths. fo4: of its longest path, `LONG_FO4` if
-    it is shorter."""
+    """The machine assembled from a choice of pieces.
+
+    fo4: of its longest path, at least `LONG_FO4`
+    path: the longest path
+    pieces: by path of the instance
+    whole: the netlist
+    """
 
     fo4: float
     path: Path
@@ -60,11 +65,13 @@ class Trial(NamedTuple):
 def settled(
     netlists: Mapping[str, Netlist], found: Mapping[str, Mapped], library: Library
 ) -> tuple[CellNetlist, dict[str, Mapped]]:
-    """The machine put together, and its pieces by the path of their instance. netlists: theirs;
-    found: a way for each of their texts.
+    """Assemble the machine, and improve its longest path.
 
-    As long as the longest path is longer than `LONG_FO4` and leads through several parts, all ways
-    of each of these are tried, from its end on, until one makes it shorter.
+    netlists: by path of the instance
+    found: mapped netlist by text of the netlist
+    While the longest path is longer than `LONG_FO4` and crosses several parts, all ways of each of
+    these parts are tried, from the path's end on, until one shortens it.
+    Returns the whole netlist, and its pieces by path of the instance.
     """
     assumed, found = Assumed.of(library, False), dict(found)
 
@@ -96,13 +103,13 @@ def settled(
 
 
 def parts_of(path: Path, instances: Mapping[str, object]) -> Iterator[str]:
-    """The instances in which a path is, from its end on, each once."""
+    """The instances that a path crosses, from its end on, each once."""
     names = [path.end[1], *(net for _, net, _, _ in reversed(path.steps)), path.begin[1]]
     yield from dict.fromkeys(innermost(name, instances) for name in names)
 
 
 def innermost(name: str, instances: Mapping[str, object]) -> str:
-    """The innermost of some instances in which a name of the whole is; "" is the whole."""
+    """The innermost of some instances that contains a name; "" is the top."""
     while name not in instances:
         name = name.rpartition(".")[0]
     return name

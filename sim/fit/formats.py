@@ -1,10 +1,10 @@
-"""Number formats for `splatcore fit`: as few gates as a picture's error leaves room for.
+"""Number formats for `splatcore fit`: as few gates as the allowed error permits.
 
-Errors of independent roundings add up as squares. So what a format with a bit less adds to a
-picture's mean squared error is measured once, alone; what a set of formats will do is their sum.
-Bits go one at a time, always the one that saves most gates for the decibels it costs, until no
-further one fits. Pictures of full size then tell the truth: the last bits come back if they have
-to, and single ones go until none can go any more.
+Mean squared errors of independent roundings add up. So the error that one bit less of a format
+adds is measured once, on its own, and the error of a set of formats is predicted as a sum. Bits
+are removed one at a time, always the bit that saves most gates per decibel, until no further one
+fits. Full-size pictures then check the result: the last bits are restored if necessary, and
+single bits are removed as long as the pictures allow it.
 """
 
 from collections.abc import Callable
@@ -21,13 +21,13 @@ from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.preset import check_buildable
 
 WIDER = 2
-"""Bits that each format may have more than DEFAULT's if that is needed: behind 8-bit output even
-fewer show (docs/architecture.md)."""
+"""Bits that a format may have beyond DEFAULT's if needed: with 8-bit output even fewer are visible
+(docs/architecture.md)."""
 
-SEARCHED = 3  # views on which formats are tried one by one: those of the largest errors
-PIXELS = 480 * 270  # of these views meanwhile, if they have more: errors are the same, work is not
+SEARCHED = 3  # views to search on: the ones with the largest errors
+PIXELS = 480 * 270  # maximum size of these views: smaller ones have the same errors and less work
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]  # called with the name of the step that begins
 
 
 def decibels(square: float) -> float:
@@ -37,7 +37,7 @@ def decibels(square: float) -> float:
 
 @dataclass(frozen=True)
 class Step:
-    """A bit less of a format. squares [V]: mean squared error that it adds on each view."""
+    """One bit less of a format. squares [V]: mean squared error that it adds on each view."""
 
     field: str
     bits: int
@@ -45,15 +45,19 @@ class Step:
 
 
 class Search:
-    """Formats of one machine for some views.
+    """Search of the narrowest formats of one machine for some views.
 
-    sized: a machine that has as many of each part as this one is to have. less: PSNR of the worst
-    view's picture with a bit less, by format; nothing for those that are as narrow as they are
-    built.
+    start: machine with the formats to begin with
+    psnr: dB that every view must reach
+    sized: machine with the final number of each part, for the gates that a bit saves
+    less: PSNR of the worst view with one bit less, by format; no entry for a format that the
+        hardware cannot have narrower
     """
 
-    def __init__(self, start: Config, views: list[View], psnr: float, sized: Config, tell: Tell):
-        self.start, self.views, self.sized, self.tell = start, views, sized, tell
+    def __init__(
+        self, start: Config, views: list[View], psnr: float, sized: Config, progress: Progress
+    ):
+        self.start, self.views, self.sized, self.progress = start, views, sized, progress
         self.fields, self.psnr, self.bound = list(SHARES), psnr, 10 ** (-psnr / 10)
         self.small = [smaller(view) for view in views]
         self.base = self._squares(self.small, start)
@@ -64,15 +68,15 @@ class Search:
         self.less: dict[str, float] = {}
 
     def without(self, fixed: tuple[str, ...]) -> "Search":
-        """The same from the start, with formats that stay."""
+        """A new search from the start that keeps the `fixed` formats."""
         other = copy(self)
         other.fields = [field for field in self.fields if field not in fixed]
         other.offset, other.steps, other.less = np.zeros(len(self.views)), [], {}
         return other
 
     def with_view(self, view: View) -> "Search":
-        """The same from the start, with a view more."""
-        other = Search(self.start, [*self.views, view], self.psnr, self.sized, self.tell)
+        """A new search from the start with one more view."""
+        other = Search(self.start, [*self.views, view], self.psnr, self.sized, self.progress)
         other.fields = self.fields
         return other
 
@@ -81,7 +85,7 @@ class Search:
 
     @property
     def config(self) -> Config:
-        """The machine with the bits that are left."""
+        """The machine with the bits that remain."""
         config = self.start
         for step in self.steps:
             config = with_bits(config, step.field, step.bits)
@@ -89,31 +93,31 @@ class Search:
 
     @property
     def forecast(self) -> np.ndarray:
-        """Mean squared errors [V] of its pictures."""
+        """Predicted mean squared errors [V] of its pictures."""
         return self.full + self.offset + sum(step.squares for step in self.steps)
 
     def run(self) -> Config:
-        """Take bits away as long as the pictures allow; returns the machine."""
+        """Remove bits as long as the pictures allow; return the machine."""
         while step := self._next():
             self.steps.append(step)
         while ((truth := self._squares(self.views, self.config)) > self.bound).any():
-            self.tell(f"taking some of {len(self.steps)} bits back")
+            self.progress(f"restoring some of {len(self.steps)} bits")
             self.offset += truth - self.forecast
             self.steps.pop()
             while self.steps and (self.forecast > self.bound).any():
                 self.steps.pop()
         fields = sorted(self.fields, key=lambda field: -bit_gates(self.sized, field))
-        while any([self._shorten(field) for field in fields]):  # what one saves, another may use
+        while any([self._shorten(field) for field in fields]):  # until no format can be shortened
             pass
         return self.config
 
     def _shorten(self, field: str) -> bool:
-        """Take bits of a format away as long as the true pictures allow; whether any went."""
+        """Remove bits of a format as long as full-size pictures allow; return whether any went."""
         before = len(self.steps)
         self.less.pop(field, None)
         while step := self._step(field):
             self.steps.append(step)
-            self.tell(f"confirming {field} {step.bits}")
+            self.progress(f"confirming {field} {step.bits}")
             truth = self._squares(self.views, self.config)
             if (truth > self.bound).any():
                 self.steps.pop()
@@ -122,14 +126,14 @@ class Search:
         return len(self.steps) > before
 
     def _step(self, field: str) -> Step | None:
-        """A bit less of a format; None if it is not built so narrow."""
+        """The step to one bit less of a format; None if the hardware does not support it."""
         bits = bits_of(self.config, field) - 1
         if not built(self.config, field, bits):
             return None
         return Step(field, bits, self._adds(field, bits) - self._adds(field, bits + 1))
 
     def _next(self) -> Step | None:
-        """The step that saves most gates for each decibel it costs, of those that fit."""
+        """The fitting step that saves most gates per decibel; None if no step fits."""
         now = self.forecast
         best, most = None, 0.0
         for field in self.fields:
@@ -144,14 +148,15 @@ class Search:
         return best
 
     def _adds(self, field: str, bits: int) -> np.ndarray:
-        """Mean squared error [V] that a format of so many bits adds to the start's.
+        """Mean squared error [V] that a format of `bits` bits adds to the start's error.
 
-        What cannot be built beside the start's other formats is measured beside the present ones.
+        A format that cannot be combined with the start's other formats is measured with the
+        current ones.
         """
         if bits == bits_of(self.start, field):
             return np.zeros(len(self.views))
         if (field, bits) not in self.added:
-            self.tell(f"trying {field} {bits}")
+            self.progress(f"trying {field} {bits}")
             if alone := built(self.start, field, bits):
                 added = self._squares(self.small, alone) - self.base
             else:
@@ -163,7 +168,7 @@ class Search:
 
 
 def built(config: Config, field: str, bits: int) -> Config | None:
-    """A machine with a format of so many bits; None if the hardware cannot be made of it."""
+    """A machine with a format of `bits` bits; None if the hardware does not support it."""
     try:
         found = with_bits(config, field, bits)
         check_buildable(found)
@@ -173,17 +178,17 @@ def built(config: Config, field: str, bits: int) -> Config | None:
 
 
 def smaller(view: View) -> View:
-    """A view with about `PIXELS`."""
+    """The view with about `PIXELS` pixels, or as it is if it has fewer."""
     width, height = view.camera.width, view.camera.height
     scale = min((PIXELS / (width * height)) ** 0.5, 1.0)
     return view.resized(*(max(round(side * scale), 1) for side in (width, height)))
 
 
-LEAST = 1e-3  # decibels that any bit is taken to cost at least
+LEAST = 1e-3  # minimum cost of a bit, decibels
 
 
 def wider(config: Config) -> Config:
-    """A machine with the most bits that are tried."""
+    """The machine with every format as wide as may be tried."""
     for field in SHARES:
         for more in range(WIDER, 0, -1):
             if found := built(config, field, bits_of(config, field) + more):

@@ -1,11 +1,11 @@
-"""Gates of the parts that `splatcore fit` sizes: synthesised one by one for area, and kept.
+"""Gates of the parts that `splatcore fit` sizes: each is synthesised alone for area, and cached.
 
-What lies between these parts (queues, control, memory access: about 150 k NAND2-equivalents of
-DEFAULT's 900 k) hardly depends on what is fitted, and is left out.
+The logic between these parts (queues, control, memory access: about 150 k of DEFAULT's 900 k
+NAND2-equivalents) hardly depends on the fitted fields and is left out.
 
-Searching asks for differences only. They are linear in a format's bits, in a merge's ways, and in
-the entries of a sub-sorter of OR-trees, to within a few percent: two small syntheses give the
-slope, and the counts of the parts the rest.
+The search needs differences only. They are linear in a format's bits, in a merge's ways and in the
+entries of a sub-sorter of OR-trees, to within a few percent: two small syntheses give the slope,
+which is multiplied by the number of parts.
 """
 
 from collections.abc import Callable
@@ -24,10 +24,10 @@ from splatcore.spec.sort import index_bits
 from splatcore.spec.stages import HALVES
 
 SMALL_ENTRIES = 16
-"""Entries of a sub-sorter that is synthesised for its slope, and of one twice as large."""
+"""Entries of the sub-sorter that is synthesised for the slope; the other has twice as many."""
 
 FEW_BLOCKS = 4
-"""Blocks in the memories of lanes that are synthesised for their slope: a lane does not care."""
+"""Blocks in the memories of lanes synthesised for the slope; they do not change a lane."""
 
 
 PARTS: dict[str, tuple[Build, Callable[[Config], int]]] = {
@@ -43,16 +43,18 @@ PARTS: dict[str, tuple[Build, Callable[[Config], int]]] = {
         lambda config: config.rasterizers * (BLOCK**2 - 1),
     ),
 }  # fmt: skip
-"""Each part, and how many of it a machine has. A rasterizer's further lanes are what a second one
-adds to the first, the part before."""
+"""Builder and number of each part. "lanes" is built with two lanes; the gates of "first lane", the
+part before it, are subtracted."""
 
 
-def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
-    """NAND2-equivalents of all of a machine's parts of a name together. tell: called with the name
-    of the part that is next."""
+def part_gates(config: Config, progress: Callable[[str], None]) -> dict[str, float]:
+    """NAND2-equivalents by part, all instances of a part together.
+
+    progress: called with the name of the next part
+    """
     found, first = {}, 0.0
     for name, (build, count) in PARTS.items():
-        tell(name)
+        progress(name)
         one = area(build(config))
         found[name] = (one - first if name == "lanes" else one) * count(config)
         first = one
@@ -61,7 +63,7 @@ def part_gates(config: Config, tell: Callable[[str], None]) -> dict[str, float]:
 
 @cache
 def _lane(config: Config) -> float:
-    """NAND2-equivalents of a lane."""
+    """NAND2-equivalents per lane."""
     one, two = (area(Blend(config, FEW_BLOCKS, lanes)) for lanes in (1, 2))
     return two - one
 
@@ -71,7 +73,7 @@ def _primitive(name: str, **sizes: int) -> Callable[[Config], float]:
 
 
 PES_BEFORE = sum(PES[name] for name in ("chunk", "cull", "place"))
-"""PEs of stages 0 and 1 besides those of the projection."""
+"""PEs of stages 0 and 1 that do not belong to the projection."""
 
 Share = tuple[Callable[[Config], float], Callable[[Config], float]]
 
@@ -92,13 +94,15 @@ SHARES: dict[str, tuple[Share, ...]] = {
         ),
     ),
 } | {field: tuple(OF_RASTER[part] for part in format.parts) for field, format in FORMATS.items()}
-"""By format: the parts that most of its bits' gates are in, and how many a machine has."""
+"""By format: the parts with most of its gates, each with its size and its number in a machine."""
 
 
 def with_bits(config: Config, field: str, bits: int) -> Config:
-    """A machine with a format of so many bits: below the point, of a key for `sort_digits`.
+    """A machine with a format of `bits` bits.
 
-    Depths stay as much finer as they are.
+    bits: fraction bits for `arithmetic`, key bits for `sort_digits`, else the field's value
+
+    The difference between the fraction bits of depth and arithmetic is kept.
     """
     if field == "sort_digits":
         return replace(config, sort_digits=(1,) * bits)
@@ -111,7 +115,7 @@ def with_bits(config: Config, field: str, bits: int) -> Config:
 
 
 def bits_of(config: Config, field: str) -> int:
-    """Bits of a format, as `with_bits` sets them."""
+    """Bits of a format, as set by `with_bits`."""
     if field == "sort_digits":
         return config.sort_key_bits
     return config.arithmetic.fraction if field == "arithmetic" else getattr(config, field)
@@ -122,20 +126,20 @@ SLOPE_BITS = 2  # bits fewer at which a format's slope is measured
 
 @cache
 def _slopes(field: str) -> tuple[float, ...]:
-    """NAND2-equivalents that a bit of a format takes in each of its shares' parts."""
+    """NAND2-equivalents per bit of a format, for each of its parts in `SHARES`."""
     narrow = with_bits(DEFAULT, field, bits_of(DEFAULT, field) - SLOPE_BITS)
     return tuple((size(DEFAULT) - size(narrow)) / SLOPE_BITS for size, _ in SHARES[field])
 
 
 def bit_gates(config: Config, field: str) -> float:
-    """NAND2-equivalents that a bit of a format takes in a machine."""
+    """NAND2-equivalents per bit of a format in a whole machine."""
     counts = (count(config) for _, count in SHARES[field])
     return sum(slope * count for slope, count in zip(_slopes(field), counts, strict=True))
 
 
 @cache
 def _line(name: str, field: str, values: tuple[int, int], **changes) -> tuple[float, float]:
-    """A part's size at 0 of a field, and what each more takes."""
+    """A part's size as a line over a field: its value at 0 and its slope."""
     low, high = (_primitive(name, **{field: value}, **changes)(DEFAULT) for value in values)
     slope = (high - low) / (values[1] - values[0])
     return low - slope * values[0], slope

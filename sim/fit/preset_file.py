@@ -1,4 +1,4 @@
-"""Writing preset files, which `spec.preset` reads."""
+"""Writer of preset files; `spec.preset` reads them."""
 
 import json
 from collections.abc import Mapping
@@ -17,15 +17,16 @@ def write_preset(
     reasons: Mapping[str, str] | None = None,
     about: str = "",
 ):
-    """Write what differs from a preset that is built in, each field under the reason for it.
+    """Write the fields that differ from a built-in preset, each below its reason.
 
-    reasons: by field; about: lines at the head.
+    reasons: text by field
+    about: comment lines at the head of the file
     """
     write(path, preset_text(config, base, reasons or {}, about).encode())
 
 
 def preset_text(config: Config, base: Config, reasons: Mapping[str, str], about: str = "") -> str:
-    """The text of that file."""
+    """Text of a preset file; parameters as in `write_preset`."""
     lines = [f"# {line}" for line in about.splitlines()]
     lines += [f"base = {_text(base.name)}", f"name = {_text(config.name)}"]
     for field in fields(Config):
@@ -40,7 +41,7 @@ def preset_text(config: Config, base: Config, reasons: Mapping[str, str], about:
 
 
 def _text(value: object) -> str:
-    """A field's value in TOML."""
+    """A field's value as TOML."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -53,8 +54,8 @@ def _text(value: object) -> str:
 
 
 def _table(value: object) -> str:
-    """A dataclass's fields but those that are as they are by default."""
+    """A dataclass's fields as a TOML table, without those at their defaults."""
     found = {field.name: getattr(value, field.name) for field in fields(value)}
-    usual = {field.name: field.default for field in fields(value)}  # which nothing is without one
+    usual = {field.name: field.default for field in fields(value)}  # MISSING equals no value
     cells = [f"{name} = {_text(item)}" for name, item in found.items() if item != usual[name]]
     return f"{{ {', '.join(cells)} }}"

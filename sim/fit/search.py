@@ -1,8 +1,8 @@
-"""The smallest machine for some views: so many frames a second, so many decibels.
+"""Search of the smallest machine that reaches a frame rate and a PSNR on some views.
 
-Speed and error hardly meet: sizes change no picture, and formats hardly change the work. So sizes
-are chosen first, with DEFAULT's formats; then formats, which are weighed with those sizes; then
-sizes again, with the frames that the formats make.
+Speed and error are nearly independent: sizes change no picture, and formats hardly change the
+work. So sizes are chosen first, with DEFAULT's formats; then formats, by the gates that they save
+at these sizes; then sizes again, for the frames that these formats produce.
 """
 
 from collections.abc import Callable
@@ -16,102 +16,116 @@ from splatcore.sim.fit.sizes import SIZES, Missed, Speed, budget, smaller
 from splatcore.sim.fit.views import View
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]  # called with the name of the step that begins
 
 OF_WORK = tuple(field for field, format in FORMATS.items() if format.in_work)
-"""Formats with which pixels end later or sooner, and so the work changes."""
+"""Formats that change when pixels terminate, and so the work."""
 
 
 class Impossible(Exception):
-    """No machine does it; says why, and what the best one does."""
+    """No machine reaches the target; the message has the reason and the best result."""
 
 
 @dataclass(eq=False)
 class Fit:
-    """A machine, and how it was chosen. errors: mean squared and largest of each view's picture."""
+    """A machine, and how it was chosen.
+
+    most: maximum cycles per frame
+    errors: by view, mean squared and largest error of its picture
+    psnr: dB asked for
+    search: of formats; None without a PSNR to reach
+    """
 
     config: Config
     speed: Speed
-    most: int  # cycles of a frame
+    most: int
     errors: dict[str, tuple[float, float]]
     psnr: float | None
-    search: Search | None = None  # of formats
+    search: Search | None = None
 
     def cycles(self, view: str) -> Cycles:
         """Cycles of a view's frame."""
         return self.speed.cycles(self.config, view)
 
     def fps(self, view: str) -> float:
-        """Frames a second by the model, margins taken off."""
+        """Frames per second by the cycle model, with margins."""
         return fps_of(self.cycles(view).frame)
 
 
 def fps_of(cycles: int) -> float:
-    """Frames a second of which each takes so many cycles by the model: `budget` backwards."""
+    """Frames per second at `cycles` per frame of the cycle model: the inverse of `budget`."""
     return budget(1.0) / cycles
 
 
-def fit(start: Config, views: list[View], fps: float, psnr: float | None, tell: Tell) -> Fit:
-    """The smallest machine from `start` on; Impossible if there is none."""
+def fit(
+    start: Config, views: list[View], fps: float, psnr: float | None, progress: Progress
+) -> Fit:
+    """Find the smallest machine for some views.
+
+    start: machine with the formats to begin with
+    fps: frames per second that every view must reach
+    psnr: dB that every view must reach against the same packed model; None: keep the formats
+    Raises Impossible if there is no such machine.
+    """
     most = budget(fps)
-    frames, errors = rendered(start, views, tell)
+    frames, errors = rendered(start, views, progress)
     if psnr is not None and worst(errors)[1] < psnr:
         start = wider(start)
-        frames, errors = rendered(start, views, tell)
+        frames, errors = rendered(start, views, progress)
         name, found = worst(errors)
         if found < psnr:
             raise Impossible(
-                f"--psnr {psnr:g}: {name} has {found:.2f} dB with the widest formats that are tried"
+                f"--psnr {psnr:g}: {name} has {found:.2f} dB with the widest formats tried"
             )
-    speed, sized = sized_for(start, frames, most, fps, tell)
+    speed, sized = sized_for(start, frames, most, fps, progress)
     if psnr is None:
         return Fit(sized, speed, most, errors, psnr)
     hardest = sorted(views, key=lambda view: -errors[view.name][0])[:SEARCHED]
-    search = Search(start, hardest, psnr, sized, tell)
+    search = Search(start, hardest, psnr, sized, progress)
     for fixed in ((), OF_WORK):
         search, formats = narrowed(search.without(fixed), views)
-        frames, errors = rendered(formats, views, tell)
-        speed, found = sized_for(formats, frames, most, fps, tell)
+        frames, errors = rendered(formats, views, progress)
+        speed, found = sized_for(formats, frames, most, fps, progress)
         if found.rasterizers <= sized.rasterizers:
             break
     return Fit(found, speed, most, errors, psnr, search)
 
 
 def rendered(
-    config: Config, views: list[View], tell: Tell
+    config: Config, views: list[View], progress: Progress
 ) -> tuple[dict[str, Frame], dict[str, tuple[float, float]]]:
-    """Frames, and errors of their pictures, by the views' names."""
+    """Render all views; return frames and errors of their pictures, by view."""
     frames, errors = {}, {}
     for view in views:
-        tell(f"rendering {view.name}")
+        progress(f"rendering {view.name}")
         frames[view.name] = frame = view.frame(config)
         errors[view.name] = view.square(frame.pixels), view.largest(frame.pixels)
     return frames, errors
 
 
 def worst(errors: dict[str, tuple[float, float]]) -> tuple[str, float]:
-    """The view of the largest error, and its PSNR."""
+    """The view with the largest error, and its PSNR."""
     name = max(errors, key=lambda name: errors[name][0])
     return name, decibels(errors[name][0])
 
 
 def sized_for(
-    config: Config, frames: dict[str, Frame], most: int, fps: float, tell: Tell
+    config: Config, frames: dict[str, Frame], most: int, fps: float, progress: Progress
 ) -> tuple[Speed, Config]:
-    """The smallest sizes for some frames."""
-    speed = Speed(frames, tell)
+    """Choose the smallest sizes for some frames; raise Impossible if none are fast enough."""
+    speed = Speed(frames, progress)
     try:
         return speed, speed.choose(config, most)
     except Missed as missed:
         raise Impossible(
             f"--fps {fps:g}: {missed.half} of {missed.view} takes {missed.cycles:,} of {most:,} "
             f"cycles in the largest machine, most of them in {missed.stage}: "
-            f"{fps_of(missed.cycles):.1f} frames a second at best"
+            f"{fps_of(missed.cycles):.1f} frames per second at best"
         ) from None
 
 
 def narrowed(search: Search, views: list[View]) -> tuple[Search, Config]:
-    """The narrowest formats, for more views than are searched with if these are not enough."""
+    """Find the narrowest formats for all views; views that fail are added to the search."""
     while True:
         formats = search.run()
         others = [view for view in views if view not in search.views]
@@ -123,7 +137,7 @@ def narrowed(search: Search, views: list[View]) -> tuple[Search, Config]:
 
 @dataclass(frozen=True)
 class Knob:
-    """A field that was chosen. before: DEFAULT's value; reason: what binds it."""
+    """A chosen field. before: DEFAULT's value; reason: the constraint that sets it."""
 
     name: str
     before: int
@@ -132,7 +146,7 @@ class Knob:
 
 
 def knobs(found: Fit) -> list[Knob]:
-    """All that was chosen, with reasons."""
+    """All chosen fields, with reasons."""
     config = found.config
     reasons = dict.fromkeys(("width_max", "height_max"), "the largest view")
     reasons["sh_degree"] = f"the model has harmonics of degree {config.sh_degree}"
@@ -150,30 +164,30 @@ def knobs(found: Fit) -> list[Knob]:
 
 
 def speed_reason(found: Fit, name: str, half: str) -> str:
-    """Reason for a size: the time left, and what less would take."""
+    """Reason for a size: the time that its half takes, and the time with a smaller size."""
     view, cycles = found.speed.slowest(found.config, half)
     text = f"{half} of {view} takes {millions(cycles)} of {millions(found.most)}"
     less = smaller(found.config, name)
     if less is None:
-        return f"{text}; there is no less"
+        return f"{text}; no smaller value exists"
     value = less.pes * less.pe_arrays if name == "pes" else getattr(less, name)
     view, cycles = found.speed.slowest(less, half)
     return f"{text}; {value} would take {millions(cycles)} ({view})"
 
 
 def format_reason(found: Fit, name: str) -> str:
-    """Reason for a format: the decibels left with a bit less."""
+    """Reason for a format: the PSNR, and the PSNR with one bit less."""
     if found.search is None:
         return "as DEFAULT: no --psnr"
     if name not in found.search.fields:
-        return "with less there is more to blend, and that takes more rasterizers"
+        return "with fewer bits more splats are blended, which takes more rasterizers"
     if name not in found.search.less:
-        return "is as narrow as it is built"
+        return "the narrowest that the hardware supports"
     less = found.search.less[name]
     view, now = worst(found.errors)
-    return f"{view} has {now:.2f} of {found.psnr:g} dB, machine; a bit less: {less:.2f} dB"
+    return f"{view} has {now:.2f} dB (machine) of {found.psnr:g}; with one bit less {less:.2f} dB"
 
 
 def millions(cycles: int) -> str:
-    """Cycles in words."""
+    """Cycles as text."""
     return f"{cycles / 1e6:.3g} M cycles"

@@ -1,7 +1,7 @@
-"""Sizes for `splatcore fit`: the smallest machine whose halves are both done in time.
+"""Sizes for `splatcore fit`: the smallest machine whose halves both finish in time.
 
-Both halves of a frame are at work at once, so each is sized by itself: PEs for the points'; for the
-tiles' rasterizers first, which are largest, then the cheapest sorting with them.
+Both halves work at the same time on neighbouring frames, so each is sized on its own. The points'
+half: PEs. The tiles' half: rasterizers first, which are largest, then the cheapest sorting.
 """
 
 import warnings
@@ -21,30 +21,30 @@ from splatcore.spec.error import InputError
 from splatcore.spec.preset import PES_MIN
 from splatcore.spec.stages import HALVES
 
-# Components are made to ask them, and never elaborated.
+# Components are created to query them and never elaborated.
 warnings.filterwarnings("ignore", category=UnusedElaboratable)
 
 MEMORY_MARGIN = 0.025
-"""Share of a frame's time that memory may take beyond the cycle model: RTL with LPDDR4 was 0.1 to
-2.2 % slower than with ideal memory (docs/architecture.md)."""
+"""Share of a frame's time reserved for memory, which the cycle model takes as ideal: RTL with
+LPDDR4 was 0.1 to 2.2 % slower than with ideal memory (docs/architecture.md)."""
 
-MODEL_MARGIN = 0.03  # the same for what the model is off from the RTL
-ARRAYS, PES = 4, 12  # most arrays of PEs, and most PEs in one
+MODEL_MARGIN = 0.03  # share of a frame's time reserved for the cycle model's error
+ARRAYS, PES = 4, 12  # maximum arrays of PEs, and PEs per array
 
 RASTERIZERS = (1, 2, 4, 8, 16)
 SORTERS = (1, 2, 3, 4, 6, 8)
 ENTRIES = (16, 32, 64, 128, 256)
-WAYS = (2, 4, 8, 16)  # values that are tried, the smallest first
+WAYS = (2, 4, 8, 16)  # values to try, the smallest first
 
 
 def budget(fps: float) -> int:
-    """Cycles of a frame by the model."""
+    """Maximum cycles per frame by the cycle model, with margins for memory and for the model."""
     return int(CLOCK_HZ / fps * (1 - MEMORY_MARGIN - MODEL_MARGIN))
 
 
 @dataclass(frozen=True)
 class Missed(Exception):
-    """No size is fast enough: which half of which view, and its cycles in the largest machine."""
+    """No size is fast enough; `cycles` are the half's in the largest machine."""
 
     half: str
     stage: str
@@ -53,10 +53,10 @@ class Missed(Exception):
 
 
 class Speed:
-    """Cycles of views' frames by machine. frames: by the views' names."""
+    """Cycles of the views' frames in any machine. frames: by view."""
 
-    def __init__(self, frames: dict[str, Frame], tell: Callable[[str], None]):
-        self.frames, self.tell = frames, tell
+    def __init__(self, frames: dict[str, Frame], progress: Callable[[str], None]):
+        self.frames, self.progress = frames, progress
         self.known: dict[tuple[Config, str], Cycles] = {}
 
     def cycles(self, config: Config, view: str) -> Cycles:
@@ -66,13 +66,13 @@ class Speed:
         return self.known[key]
 
     def slowest(self, config: Config, half: str = "frame") -> tuple[str, int]:
-        """The view that takes longest, and its cycles."""
+        """The slowest view, and its cycles."""
         times = {view: getattr(self.cycles(config, view), half) for view in self.frames}
         view = max(times, key=times.get)
         return view, times[view]
 
     def fits(self, config: Config, half: str, most: int) -> bool:
-        """True if all views are done in time; the one that failed last is asked first."""
+        """True if all views take at most `most` cycles; tries the view that failed last first."""
         if not _buildable(config):
             return False
         for view in list(self.frames):
@@ -82,7 +82,10 @@ class Speed:
         return True
 
     def choose(self, config: Config, most: int) -> Config:
-        """The smallest machine for which no frame takes more cycles; Missed if there is none."""
+        """Choose the smallest machine that takes at most `most` cycles per frame.
+
+        Raises Missed if even the largest takes more.
+        """
         config = self._smallest(config, points(config), "preprocessing", most)
         sorting = {"sub_sorters": sorters(config)[-1], "sub_sorter_entries": ENTRIES[-1]}
         sorting["merge_ways"] = WAYS[-1]
@@ -91,8 +94,8 @@ class Speed:
         return self._sorting(replace(config, rasterizers=rasterizers), most)
 
     def _smallest(self, config: Config, choices: list[Config], half: str, most: int) -> Config:
-        """The first of choices, of which each is at least as fast as the one before."""
-        self.tell(half)
+        """The first choice that fits; each is at least as fast as the one before."""
+        self.progress(half)
         if not self.fits(choices[-1], half, most):
             view, cycles = self.slowest(choices[-1], half)
             stages = asdict(self.cycles(choices[-1], view))
@@ -108,13 +111,16 @@ class Speed:
         return choices[high]
 
     def _sorting(self, config: Config, most: int) -> Config:
-        """The cheapest sub-sorters and merge; none that has less of all than one too slow."""
+        """The cheapest sub-sorters and merge that fit.
+
+        Choices no larger in every size than one that was too slow are skipped.
+        """
         failed: list[tuple[int, ...]] = []
         for choice in sortings(config):
             sizes = choice.sub_sorters, choice.sub_sorter_entries, choice.merge_ways
             if any(all(a <= b for a, b in zip(sizes, slow, strict=True)) for slow in failed):
                 continue
-            self.tell(f"rendering with {sizes[0]} × {sizes[1]} entries, {sizes[2]} ways")
+            self.progress(f"rendering with {sizes[0]} × {sizes[1]} entries, {sizes[2]} ways")
             if self.fits(choice, "rendering", most):
                 return choice
             failed.append(sizes)
@@ -122,7 +128,7 @@ class Speed:
 
 
 def points(config: Config) -> list[Config]:
-    """Machines with more and more PEs, not all of which can be built."""
+    """Machines by rising number of PEs; some cannot be built."""
     found = {}
     for arrays, pes in product(range(ARRAYS, 0, -1), range(1, PES + 1)):
         if arrays * pes >= PES_MIN:
@@ -132,7 +138,7 @@ def points(config: Config) -> list[Config]:
 
 @cache
 def _buildable(config: Config) -> bool:
-    """True if the schedule suits the codebook: it does not with very few PEs."""
+    """True if the projection can be scheduled; with very few PEs it cannot."""
     try:
         Project(config)
     except ValueError:
@@ -141,12 +147,12 @@ def _buildable(config: Config) -> bool:
 
 
 def sorters(config: Config) -> tuple[int, ...]:
-    """Numbers of sub-sorters to choose from: a cascade takes all entries that come."""
+    """Numbers of sub-sorters to choose from; a cascade needs only one."""
     return SORTERS if config.sub_sorter == "trees" else (1,)
 
 
 def sortings(config: Config) -> Iterator[Config]:
-    """Machines with all ways to sort, the cheapest first; of equal ones the least memory."""
+    """Machines with all combinations of sorting sizes, by rising gates, then memory."""
     found = []
     for count, entries, ways in product(sorters(config), ENTRIES, WAYS):
         try:
@@ -158,7 +164,7 @@ def sortings(config: Config) -> Iterator[Config]:
 
 
 def smaller(config: Config, name: str) -> Config | None:
-    """A machine with the next smaller value of a size; None if there is none."""
+    """The machine with the next smaller value of a size; None if it has the smallest."""
     if name == "pes":
         total = config.pes * config.pe_arrays
         fewer = (c for c in reversed(points(config)) if c.pes * c.pe_arrays < total)
@@ -175,4 +181,4 @@ SIZES = {
     "pes": "preprocessing", "rasterizers": "rendering", "sub_sorters": "rendering",
     "sub_sorter_entries": "rendering", "merge_ways": "rendering",
 }  # fmt: skip
-"""Each size and the half whose time it decides on."""
+"""Each size, and the half whose time depends on it."""

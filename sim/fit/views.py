@@ -1,4 +1,4 @@
-"""Views that `splatcore fit` fits a machine to: a packed model seen by some cameras."""
+"""Views that `splatcore fit` fits a machine to: a packed model and its cameras."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -18,15 +18,15 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.renderable import check_renderable
 
 OF_RASTER = [field for field, format in FORMATS.items() if not format.in_features]
-"""Fields that change nothing in front of stage 3."""
+"""Fields that change stage 3 only."""
 
 
 @dataclass(eq=False)
 class View:
-    """A model as a camera sees it, by a name of its own.
+    """A named view of a model.
 
-    exact: the reference's picture [H, W, 3], 0 … 1. base: a golden frame, from which those of
-    machines follow that are another one in stage 3 only.
+    exact: the reference's picture [H, W, 3], float32, 0 … 1
+    base: a machine and its golden frame; machines that differ in stage 3 only reuse its splats
     """
 
     name: str
@@ -37,14 +37,14 @@ class View:
 
     def __post_init__(self):
         image = render_reference(self.model.gaussians(), self.camera).image
-        self.exact = image.clip(0, 1).astype(np.float32)  # the machine's have 8 bits
+        self.exact = image.clip(0, 1).astype(np.float32)  # float32 suffices for 8-bit pictures
 
     def resized(self, width: int, height: int) -> "View":
-        """The same smaller or larger."""
+        """The view at another size, in pixels."""
         return View(self.name, self.model, self.camera.resized(width, height))
 
     def frame(self, config: Config) -> Frame:
-        """The golden frame, without the points' numbers: what is left tells how much work it is."""
+        """The golden frame without the projected values, which the cycle model does not need."""
         found = render(config, self.model, self.camera)
         return replace(found, points=replace(found.points, projected={}))
 
@@ -60,18 +60,18 @@ class View:
         return rasterize(config, frame.binned.features, frame.sorted, size).pixels
 
     def square(self, pixels: np.ndarray) -> float:
-        """Mean squared error of a picture of 8 bits."""
+        """Mean squared error of an 8-bit picture."""
         return float(np.mean((pixels / LEVELS - self.exact) ** 2))
 
     def largest(self, pixels: np.ndarray) -> float:
-        """Largest error of a picture of 8 bits."""
+        """Largest error of an 8-bit picture, of 1.0."""
         return float(np.abs(pixels / LEVELS - self.exact).max(initial=0))
 
 
 def start_config(name: str, model: PackedModel, cameras: list[Camera]) -> Config:
-    """DEFAULT as large as the pictures, for harmonics of the model's degree.
+    """DEFAULT with the size of the largest picture and the model's degree of harmonics.
 
-    InputError for a model that is packed for another machine.
+    Raises InputError for a model that is packed for another machine.
     """
     check_renderable(DEFAULT, model)
     sides = {"width": 0, "height": 0}
@@ -87,12 +87,12 @@ def start_config(name: str, model: PackedModel, cameras: list[Camera]) -> Config
 
 
 def views_of(
-    scene: str, model: PackedModel, cameras: list[Camera], tell: Callable[[int, int], None]
+    scene: str, model: PackedModel, cameras: list[Camera], progress: Callable[[int, int], None]
 ) -> list[View]:
-    """Views of a model, called SCENE:CAMERA. tell: called with how many are done, of how many."""
+    """Views of a model, named SCENE:CAMERA. progress: called with (done, total)."""
     views, scene = {}, Path(scene).name.split(".")[0]
     for number, camera in enumerate(cameras):
-        tell(number, len(cameras))
+        progress(number, len(cameras))
         name = scene if camera.name == scene else f"{scene}:{camera.name}"
         name = name if name not in views else f"{name} ({number})"
         views[name] = View(name, model, camera)

@@ -1,4 +1,4 @@
-"""The simulated memory: places of models, work areas, scratch memory and images."""
+"""Memory map of the simulated machine: models, work areas, scratch memory and images."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,24 +14,29 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.registers import address_values
 from splatcore.spec.work import aligned, page_bytes, scratch_bytes, stride, work
 
-BASE = 1 << 28  # address of memory's first byte: what reads or writes at 0 by mistake is found out
-GAP = 1 << 12  # bytes between areas that must not be accessed
+BASE = 1 << 28  # address of memory's first byte; not 0, to catch accesses to address 0
+GAP = 1 << 12  # inaccessible bytes between areas
 
-SPREAD = 0x9E3779B1  # odd, so that its multiples are as many windows, all over the address space
+SPREAD = 0x9E3779B1  # odd, so its multiples are distinct windows all over the address space
 
 WORK_AREAS = 2
 IMAGES = 2
 
 ENTRIES_A_GAUSSIAN, PAGES_A_GROUP = 8, 32
-"""List pages that are set apart before it is known how many a frame needs."""
+"""Estimate of the list pages that a frame needs."""
 
-FILL = 1 << 20  # bytes of noise that memory begins with, again and again
+FILL = 1 << 20  # bytes of noise, repeated to fill memory
 
 
 @dataclass(frozen=True)
 class Areas:
-    """The memory of a run. models, images: addresses; pages, features: what the areas hold;
-    registers: of frames that have the work areas in turn."""
+    """Memory map of a run.
+
+    models, images: their addresses
+    pages, features: capacity of a work area
+    registers: address registers of a frame, for each work area
+    end: address after the last area
+    """
 
     models: tuple[int, ...]
     pages: int
@@ -42,11 +47,11 @@ class Areas:
     end: int
 
     def region(self, name: str) -> Region:
-        """The region of that name."""
+        """Find a region by name."""
         return next(region for region in self.regions if region.name == name)
 
     def read(self, memory: np.ndarray, name: str) -> np.ndarray:
-        """The bytes of a region in a run's memory."""
+        """View of a region's bytes in a run's memory."""
         region = self.region(name)
         return memory[region.at : region.at + region.size]
 
@@ -58,12 +63,13 @@ def place_areas(
     pages: int | None = None,
     features: int | None = None,
 ) -> Areas:
-    """Areas for models and images of these sizes (width, height).
+    """Place the areas for models and images in memory.
 
-    pages, features: of a work area, instead of what is enough for any frame of the models, or
-    (pages) likely to be. Of a machine with addresses of 64 bits each area has a window of its own,
-    and so have both parts of work areas that one register is for. InputError if addresses do not
-    suffice.
+    sizes: (width, height) of each image
+    pages: list pages of a work area; by default an estimate that is likely to be enough
+    features: capacity of a work area; by default enough for any frame of the models
+    With 64-bit addresses each area has its own 4 GiB window, except that both work areas share one
+    for each of their registers. Raises InputError if the areas exceed the address space.
     """
     count = max([1, *map(len, models)])
     if pages is None:
@@ -93,7 +99,7 @@ def place_areas(
     largest = max(stride(width) * height for width, height in sizes)
     images = tuple(add(f"image{k}", largest) for k in range(IMAGES))
     if place > 1 << ADDRESS_BITS:
-        raise InputError(f"memory of {place - BASE} bytes: there are addresses of 32 bits only")
+        raise InputError(f"memory of {place - BASE} bytes exceeds the 32-bit address space")
     registers = []
     for parts in found.values():
         values = {"LISTS_PAGES": pages, "FEATURES_MAX": features}
@@ -102,13 +108,13 @@ def place_areas(
         registers.append(values | address_values(config, "SCRATCH", scratch))
     first, second = registers
     first["WORK_AREA"] = second["WORK_AREA"] = second["GROUPS"] - first["GROUPS"]
-    # Only the upper bits are each work area's own.
+    # Both work areas share the lower bits of the addresses; WORK_AREA is added for the second.
     second |= {name: first[name] for name in ("GROUPS", "LISTS", "FEATURES")}
     return Areas(starts, pages, features, tuple(registers), images, tuple(regions), place - GAP)
 
 
 def make_memory(folder: Path, areas: Areas, models: list[PackedModel], seed: int = 0) -> None:
-    """The file of a run's memory: models, and noise everywhere else."""
+    """Write a run's memory file: the models, and noise everywhere else."""
     noise = np.random.default_rng(seed).integers(0, 256, FILL, np.uint8)
     memory = np.resize(noise, areas.end - BASE)
     for k, model in enumerate(models):

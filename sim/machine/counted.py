@@ -1,4 +1,4 @@
-"""What a frame's counters must tell, from the golden model's frame, but those of time."""
+"""Expected counter values of a frame, from the golden model; counters of time are left out."""
 
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.points import Points
@@ -9,7 +9,7 @@ from splatcore.spec.work import FEATURE, SLOT
 
 
 def point_counts(points: Points) -> dict[str, int]:
-    """The counters of stages 0 and 1 after a frame."""
+    """Expected counters of stages 0 and 1 after a frame."""
     return {
         "chunks": len(points.read),
         "skipped": int((~points.read).sum()),
@@ -21,7 +21,7 @@ def point_counts(points: Points) -> dict[str, int]:
 
 
 def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
-    """Values of the counters that do not depend on time, from the golden model's frame."""
+    """Expected values of the counters that do not depend on time."""
     points, binned = frame.points, frame.binned
     return {f"points_{name}": count for name, count in point_counts(points).items()} | {
         "bin_splats": len(points.index),
@@ -39,8 +39,11 @@ def counted(config: Config, model: PackedModel, frame: Frame) -> dict[str, int]:
 
 
 def attribute_beats(config: Config, model: PackedModel, frame: Frame) -> tuple[int, int]:
-    """The port's beats in which attributes are read: at least, at most. A port with larger beats
-    reads one of two neighbours once if the second asks for it in time."""
+    """Minimum and maximum number of port beats in which attributes are read.
+
+    A port wider than an attribute beat reads a beat shared by two neighbours once, if the second
+    requests it in time.
+    """
     beats = port_beats(config)
     first, count = model.attribute_bursts(frame.points.inside)
     last = first + count - 1

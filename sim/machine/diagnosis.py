@@ -1,4 +1,4 @@
-"""Where a simulated frame leaves its golden: the first pixel, its tile, its splats, the stage."""
+"""First difference of a simulated frame from the golden model: pixel, tile, splats, stage."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,18 @@ from splatcore.spec.group import group_grid
 from splatcore.spec.record import Record
 from splatcore.spec.work import FEATURE, SLOT, table_record
 
-SHOWN = 24  # splats of a tile that are told
+SHOWN = 24  # splats of a tile that are listed
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """A frame's difference from the golden model's.
 
-    pixel: x, y of the first one that differs, row by row; tile: its column and row. pixels: how
-    many differ. stage: the first one whose results in memory differ, and in what. text: all of it.
+    pixel: (x, y) of the first wrong pixel, row by row
+    tile: column and row of its tile
+    pixels: number of wrong pixels
+    stage: the first stage whose results in memory differ, and the difference
+    text: all of this as text
     """
 
     pixel: tuple[int, int]
@@ -36,7 +39,7 @@ class Diagnosis:
 
 
 def diagnose(config: Config, run: Run, number: int, golden: Frame) -> Diagnosis | None:
-    """The difference of a run's frame `number` from the golden model's; None if there is none."""
+    """Compare frame `number` of a run with the golden model's; None if all pixels agree."""
     pixels = run.frames[number].pixels
     wrong = (pixels != golden.pixels).any(2)
     if not wrong.any():
@@ -46,7 +49,7 @@ def diagnose(config: Config, run: Run, number: int, golden: Frame) -> Diagnosis 
     if number >= len(run.frames) - WORK_AREAS:
         stage = difference_in_memory(config, run, number, golden)
     else:
-        stage = "its lists and features in memory have been overwritten by later frames'"
+        stage = "later frames have overwritten its lists and features in memory"
     found, right = (tuple(map(int, colours[y, x])) for colours in (pixels, golden.pixels))
     splats = tile_splats(config, golden, tile)
     listed = ", ".join(map(str, splats[:SHOWN])) + (", …" if len(splats) > SHOWN else "")
@@ -58,7 +61,7 @@ def diagnose(config: Config, run: Run, number: int, golden: Frame) -> Diagnosis 
 
 
 def tile_splats(config: Config, golden: Frame, tile: tuple[int, int]) -> np.ndarray:
-    """Numbers of the splats of a tile (column, row), front to back."""
+    """Splat numbers of a tile (column, row), front to back."""
     group, bit = place_in_group(config, golden, tile)
     order = golden.order[golden.start[group] : golden.start[group + 1]]
     mask = golden.binned.entries["mask"][order].astype(np.uint64)
@@ -66,14 +69,14 @@ def tile_splats(config: Config, golden: Frame, tile: tuple[int, int]) -> np.ndar
 
 
 def place_in_group(config: Config, golden: Frame, tile: tuple[int, int]) -> tuple[int, int]:
-    """A tile's group and its number there."""
+    """Number of a tile's group, and the tile's number in it."""
     height, width = golden.pixels.shape[:2]
     (row, y), (column, x) = divmod(tile[1], config.group), divmod(tile[0], config.group)
     return row * group_grid(config, width, height)[1] + column, y * config.group + x
 
 
 def difference_in_memory(config: Config, run: Run, number: int, golden: Frame) -> str:
-    """The first difference in what preprocessing has left in memory."""
+    """The first difference in preprocessing's results in memory, as text."""
     area, binned = number % WORK_AREAS, golden.binned
 
     def memory(name: str) -> np.ndarray:
@@ -110,7 +113,12 @@ def difference_in_memory(config: Config, run: Run, number: int, golden: Frame) -
 
 
 def first_difference(record: Record, rows: np.ndarray, codes: dict) -> tuple[int, str] | None:
-    """The first of the rows uint8 [N, size] that is not as the codes say, and its first field."""
+    """The first row that differs from the codes.
+
+    rows: uint8 [N, size], packed records
+    codes: expected codes [N] by field
+    Returns the row's number and its first wrong field as text; None if all rows agree.
+    """
     rows = rows.copy()
     if record.width % 8:
         rows[:, record.width // 8] &= (1 << record.width % 8) - 1

@@ -1,4 +1,4 @@
-"""Engines of a frame: the golden model, the float64 reference, the simulated machine."""
+"""Engines that render a frame: the golden model, the float64 reference, the simulated machine."""
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from splatcore.spec.scene import Gaussians
 
 
 def cycles(run: Run) -> dict[str, int | float | None]:
-    """Cycles of the halves and of a frame, and frames a second.
+    """Cycles of the halves and of a frame, and frames per second.
 
-    With several frames the mean of those whose next one's points were made meanwhile; a single
-    one's time is its slower half's, which had memory for itself.
+    A run of several frames counts those that overlap with the next frame's first half; a single
+    frame takes as long as its slower half, which had the memory for itself.
     """
     first, second = run.preprocessing_cycles, run.rendering_cycles
     single = max(first[0], second[0])
@@ -33,7 +33,7 @@ def cycles(run: Run) -> dict[str, int | float | None]:
 
 
 def golden(config: Config, job: Job) -> pipeline.Frame:
-    """The golden model's frame."""
+    """Render a frame by the golden model."""
     with progress_bar("rendering by the golden model"):
         return pipeline.render(config, *job)
 
@@ -41,7 +41,11 @@ def golden(config: Config, job: Job) -> pipeline.Frame:
 def golden_of(
     source: Source, camera: Camera, config: Config, background, quality: str | None = None
 ) -> pipeline.Frame:
-    """The same of a source; a scene is packed first. InputError for too large an image."""
+    """Render a view of a source by the golden model; a scene is packed first.
+
+    quality: of packing
+    Raises InputError if the image is too large.
+    """
     check_fits(config, camera.width, camera.height)
     with progress_bar("packing"):
         model = packed_model(source, config, camera, quality)
@@ -51,7 +55,7 @@ def golden_of(
 def reference(
     gaussians: Gaussians, view: Camera, convention: Convention = SPLATCORE, label: str = "rendering"
 ) -> Frame:
-    """The float64 reference's frame, with a progress bar over its tiles."""
+    """Render a frame by the float64 reference, with a progress bar over its tiles."""
     with progress_bar(f"{label} by the reference") as advance:
         return render(gaussians, view, convention, advance)
 
@@ -59,8 +63,11 @@ def reference(
 def truths(
     source: Source, model: PackedModel, view: Camera, convention: Convention = SPLATCORE
 ) -> dict[str, np.ndarray]:
-    """The reference's 8-bit pictures that a machine's are compared with: "machine", of the model;
-    "scene", of the scene as it is, where the source is one. Those that packing made are taken."""
+    """The reference's 8-bit pictures for comparison with a machine's.
+
+    Returns them by name: "machine", of the packed model; "scene", of the scene, if the source is a
+    scene. Pictures that packing has rendered are used again.
+    """
     kept = [p for p in source.packed.values() if p.model is model and p.camera is view]
     if kept and convention == SPLATCORE:
         return {"machine": kept[0].drawn, "scene": kept[0].exact}
@@ -73,7 +80,7 @@ def truths(
 
 
 def rtl_pixels(config: Config, model: PackedModel, view: Camera, background) -> np.ndarray:
-    """The picture of a single frame; InputError if the machine does not come to its end."""
+    """Simulate a single frame; its pixels. Raises InputError if the run fails."""
     check_fits(config, view.width, view.height)
     job = Job(model, view, background_codes(config, background))
     run = simulate(build(config), [job], IDEAL, "simulating")

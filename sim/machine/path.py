@@ -1,4 +1,4 @@
-"""A path of cameras, and machines that render it behind a progress bar."""
+"""A path of cameras, and simulation of its frames with a progress bar."""
 
 import time
 
@@ -14,11 +14,15 @@ from splatcore.spec.convention import TILE
 from splatcore.spec.work import PIXEL
 
 STEP = np.radians(0.25)
-"""Angle from a frame of a path to the next: half a turn takes 12 seconds at 60 frames a second."""
+"""Angle per frame of a path: half a turn takes 12 seconds at 60 frames per second."""
 
 
 def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
-    """Cameras on a circle around what a camera looks at: its `target` among points [N, 3]."""
+    """Cameras on a circle around a camera's `target`.
+
+    points: [N, 3] of the scene, world space
+    frames: number of cameras, the given one included
+    """
     from scipy.spatial.transform import Rotation  # takes half a second
 
     axis, centre = camera.rotation[1], target(camera, points)
@@ -27,8 +31,8 @@ def orbit(camera: Camera, points: np.ndarray, frames: int) -> list[Camera]:
 
 
 def target(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """The place [3] in front of a camera that is as deep as the points [N, 3] that it sees, on the
-    average (median), 1 if there are none."""
+    """The point [3] in front of a camera at the median depth of the points [N, 3] that it sees; at
+    depth 1 if it sees none."""
     x, y, z = (points @ camera.rotation.T + camera.translation).T
     across, down = camera.tan_half_fov
     seen = (z > camera.near) & (np.abs(x) < across * z) & (np.abs(y) < down * z)
@@ -36,19 +40,19 @@ def target(camera: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def build(config: Config, trace: str = "", source: str | None = None) -> Machine:
-    """The machine, compiled unless it is there. source: its Verilog, if that is known."""
-    with progress_bar(f"building the machine {config.name}, which takes minutes when it is new"):
+    """Compile the machine, or find it in the cache. source: its Verilog, if already known."""
+    with progress_bar(f"building the machine {config.name} (takes minutes the first time)"):
         return Machine(config, source, trace)
 
 
 def simulate(machine: Machine, jobs: list[Job], timing: Timing, label: str, **options) -> Run:
-    """Run frames behind a bar that tells how many tiles are written, and how fast it goes."""
+    """Run frames with a progress bar that shows the tiles written and the cycles per second."""
     begin, tile = time.perf_counter(), TILE**2 * PIXEL
     with progress_bar(label) as advance:
 
-        def tell(cycles: int, written: int, total: int):
+        def progress(cycles: int, written: int, total: int):
             rate = cycles / (time.perf_counter() - begin)
             text = f"{label}: {rate / 1000:.0f}k cycles/s, tiles"
             advance(written // tile, -(-total // tile), text)
 
-        return machine.run(jobs, timing, tell, **options)
+        return machine.run(jobs, timing, progress, **options)

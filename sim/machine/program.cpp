@@ -1,4 +1,4 @@
-// The machine with memory, a host that runs a script, and a watchdog: see sim/machine/program.py.
+// The machine with a memory, a host that runs a script, and a watchdog: see sim/machine/program.py.
 
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -31,7 +31,7 @@ int main(int argc, char** argv) {
     if (!settings.all("names").empty()) {
         Vtop top;
         Waves waves(top, settings);
-        waves.dump(0);  // without values a FST is not whole
+        waves.dump(0);  // a FST without values is incomplete
         waves.close();
         return 0;
     }
@@ -48,7 +48,7 @@ int main(int argc, char** argv) {
 #endif
     uint64_t cycle = 0, idle = 0, idle_max = settings.number("idle_max");
     uint64_t cycles_max = settings.number("cycles_max");
-    auto told = std::chrono::steady_clock::now();
+    auto reported = std::chrono::steady_clock::now();
     std::string rule;
     while (!host.over) {
         memory.drive();
@@ -74,8 +74,8 @@ int main(int argc, char** argv) {
         if (++cycle == cycles_max) { host.result = "limit"; break; }
         if (cycle % 4096 == 0) {
             auto now = std::chrono::steady_clock::now();
-            if (now - told > std::chrono::milliseconds(500)) {
-                told = now;
+            if (now - reported > std::chrono::milliseconds(500)) {
+                reported = now;
                 std::printf("progress %llu %llu\n", (unsigned long long)cycle,
                             (unsigned long long)memory.image_bytes);
                 std::fflush(stdout);
@@ -91,7 +91,7 @@ int main(int argc, char** argv) {
     for (auto& region : memory.regions) count("region", region.name, region.read, region.written);
     count("asked", "of", memory.read_errors.count, memory.write_errors.count);
     count("outside", "accesses", memory.outside, 0);
-    for (auto& text : memory.outside_told) std::fprintf(host.report, "told %s\n", text.c_str());
+    for (auto& text : memory.outside_shown) std::fprintf(host.report, "shown %s\n", text.c_str());
 #if WAVES || TOGGLES
     window.close();
     if (window.begun != UINT64_MAX) count("window", "cycles", window.begun, window.ended);

@@ -1,8 +1,8 @@
 """The C++ program around the Verilated machine: memory, a host that runs a script, a watchdog.
 
-Everything that a run needs lies in a folder: `settings` (a name and its values in each line),
-`script` (a command in each line, see `sim.machine.script`) and `memory`, the bytes that the
-machine's AXI4 master sees. The program writes `report`, and tells on standard output how far it is.
+A run's files are in one folder: `settings` (one name and its values per line), `script` (one
+command per line, see `sim.machine.script`) and `memory`, the bytes that the machine's AXI4 master
+accesses. The program writes `report` and prints its progress.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.registers import INTERRUPT_ERROR, INTERRUPT_FRAME
 
 FOLDER = Path(__file__).parent
-TOGGLES = (FOLDER / "toggles.hpp").read_text()  # the C++ that counts how often nets change
+TOGGLES = (FOLDER / "toggles.hpp").read_text()  # counts changes of nets
 
 CONFIG = f"""\
 #pragma once
@@ -34,9 +34,12 @@ constexpr uint32_t ID_BITS = {ID_BITS};
 def compiled(
     config: Config, source: str, trace: str = "", toggles: bool = False, level: str = FAST
 ) -> Path:
-    """The program for a machine's Verilog; with `trace`, "vcd" or "fst", it can write waveforms of
-    any module, with `toggles` it counts how often each net changes (SAIF). level: of the C++
-    compiler."""
+    """Compile the program for a machine's Verilog; its path.
+
+    trace: kind of waveforms that it can write, "vcd" or "fst"; empty for none
+    toggles: whether it counts changes of each net (SAIF)
+    level: optimisation level of the C++ compiler
+    """
     more = (f"--trace-{trace}", "--no-trace-params") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")

@@ -1,4 +1,4 @@
-"""The script of the simulated host, command by command, and the report of its run."""
+"""Scripts of the simulated host, and reports of their runs."""
 
 import subprocess
 from collections.abc import Callable, Mapping
@@ -15,13 +15,10 @@ from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
-IDLE_MAX = 200_000  # cycles without any movement on the bus after which a waiting host gives up
-
+IDLE_MAX = 200_000  # cycles without a transfer on the bus after which a run ends
 CYCLES_MAX = 1 << 62
-
 RESET_CYCLES = 4
-
-MAPPED = "memory"  # file of a run's folder with the bytes that the machine sees
+MAPPED = "memory"  # memory file in a run's folder
 
 REASONS = {
     "done": "the script was done",
@@ -31,25 +28,25 @@ REASONS = {
     "rule": "a rule of AXI was broken",
 }
 
-
-GOING_WRONG = tuple(
-    f"{way}_{what}" for what in ("errors", "strays", "missing") for way in ("read", "write")
+FAULTS = tuple(
+    f"{way}_{kind}" for kind in ("errors", "strays", "missing") for way in ("read", "write")
 )
-"""Settings of memory that list the numbers of what goes wrong (`Timing`)."""
+"""Settings of memory that list injected faults (`Timing`)."""
 
 
 @dataclass(frozen=True)
 class Timing:
     """Behaviour of memory (`memory.hpp`).
 
-    latency: cycles from a request to its first beat. bandwidth: bytes a cycle, shared by reads and
-    writes; 0 for any number. granule: bytes that an access moves at least. outstanding: requests of
-    a path that memory takes before the first is answered. stall: probability with which a side of
-    memory (and of the host) idles in a cycle, drawn from `seed`, as is what registers and
-    memories of the machine begin with. read_errors, write_errors: numbers
-    of read beats and of written bursts, from 0 on, that are answered by an error. read_strays,
-    write_strays: those before whose answer there is one that nobody has asked for. read_missing,
-    write_missing: those that are never answered.
+    latency: cycles from a request to its first beat
+    bandwidth: bytes per cycle, shared by reads and writes; 0: unlimited
+    granule: minimum bytes per access
+    outstanding: requests in flight, for reads and for writes
+    stall: probability that a channel of memory or host idles in a cycle
+    seed: of the stalls, and of the initial values of the machine's registers and memories
+    *_errors: read beats and written bursts, numbered from 0, that are answered by an error
+    *_strays: beats and bursts preceded by an answer without a request
+    *_missing: beats and bursts that are never answered
     """
 
     name: str
@@ -68,31 +65,30 @@ class Timing:
 
     @property
     def settings(self) -> list[str]:
-        """Lines for the program."""
+        """Lines of the program's `settings`."""
         names = ("latency", "bandwidth", "granule", "outstanding", "stall", "seed")
         lines = [f"{name} {getattr(self, name)}" for name in names]
-        for name in GOING_WRONG:
+        for name in FAULTS:
             lines += [f"{name} {number}" for number in getattr(self, name)]
         return lines
 
 
-IDEAL = Timing("ideal", latency=4)  # as good as memory on the chip
+IDEAL = Timing("ideal", latency=4)  # like memory on the chip
 
 LPDDR4 = Timing("lpddr4", latency=80, bandwidth=32.0, granule=32)
-"""64 bits of LPDDR4-3200 (JEDEC JESD209-4), seen at the paper's clock of 800 MHz.
+"""64 bits of LPDDR4-3200 (JEDEC JESD209-4) at the paper's clock of 800 MHz.
 
-3200 million transfers a second of 8 bytes are 25.6 GB/s, 32 bytes a cycle. A burst of 16 transfers
-on one of the four 16-bit channels, the least that is moved, is 32 bytes. 100 ns = 80 cycles of
-latency are a guess on the safe side: 18 ns to open a row, 17.5 ns to read, 5 ns for the burst, and
-60 ns for controller, physical interface and interconnect. Refresh, turns of the bus and conflicts
-of banks are left out: they would take 10 to 30 % of the bandwidth.
+3200 million transfers per second of 8 bytes are 25.6 GB/s, or 32 bytes per cycle. The smallest
+access, a burst of 16 transfers on one of four 16-bit channels, moves 32 bytes. The latency, 100 ns
+or 80 cycles, is conservative: 18 ns to open a row, 17.5 ns to read, 5 ns for the burst, 60 ns for
+interconnect. Not modelled: refresh, bus turnarounds, bank conflicts (10 to 30 % of the bandwidth).
 """
 
 TIMINGS = {timing.name: timing for timing in (IDEAL, LPDDR4)}
 
 
 def find_timing(name: str) -> Timing:
-    """The timing of that name; InputError lists the names."""
+    """Find a timing by name; InputError lists the names."""
     if name.lower() not in TIMINGS:
         check_known("--timing", TIMINGS, name)
     return TIMINGS[name.lower()]
@@ -100,8 +96,7 @@ def find_timing(name: str) -> Timing:
 
 @dataclass(frozen=True)
 class Region:
-    """Bytes of memory that the machine may read, and write if `writable`. begin: its address; at:
-    its place in memory's file."""
+    """Memory that the machine may access. begin: address; at: offset in the memory file."""
 
     name: str
     begin: int
@@ -115,14 +110,14 @@ class Region:
 
 
 class Memory(Protocol):
-    """Facts of memory that `execute` needs."""
+    """A memory map, as `execute` needs it."""
 
     regions: tuple[Region, ...]
 
 
 @dataclass
 class Script:
-    """Commands of the host; each method that brings a result returns its number in the report."""
+    """Commands of the host; each method adds one and returns its number in the report."""
 
     config: Config
     lines: list[str] = field(default_factory=list)
@@ -135,29 +130,29 @@ class Script:
         return len(self.lines) - 1
 
     def write(self, register: str | int, value: int) -> int:
-        """register: its name, or an address."""
+        """Write a register, by name or by address."""
         return self._add(f"write {self.addresses.get(register, register)} {value}")
 
     def read(self, register: str | int) -> int:
         return self._add(f"read {self.addresses.get(register, register)}")
 
     def wait(self, mask: int) -> int:
-        """Until a bit of INTERRUPT in `mask` has been set; what is set is cleared and kept."""
+        """Wait until INTERRUPT has a bit in `mask`; set bits are cleared and remembered."""
         return self._add(f"wait {mask}")
 
     def cycles(self, count: int) -> int:
         return self._add(f"cycles {count}")
 
     def reset(self, count: int = RESET_CYCLES) -> int:
-        """Reset the machine; memory forgets what it was asked for."""
+        """Reset the machine for `count` cycles; memory drops its requests."""
         return self._add(f"reset {count}")
 
     def save(self, address: int, size: int, file: str) -> int:
-        """Keep what lies in memory now in a file of the run's folder."""
+        """Save bytes of memory, as they are now, to a file in the run's folder."""
         return self._add(f"save {address} {size} {file}")
 
     def last_part(self) -> int:
-        """All that follows is done in any case, after an error too."""
+        """Begin the last part: the following commands run even after an error."""
         return self._add("finally")
 
 
@@ -165,14 +160,14 @@ PIXELS_WRITTEN = "write_pixels"
 
 
 def beat_bytes(config: Config, cause: str) -> int:
-    """Bytes of a beat, by "read_" or "write_" and who reads or writes."""
+    """Bytes of a beat. cause: "read_" or "write_" and the client's name."""
     kind, _, client = cause.partition("_")
     return read_bytes(config, client) if kind == "read" else port_bytes(config)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer to a command. cycle: when it was through; response: of AXI4-Lite."""
+    """Answer to a command. cycle: when it was done; response: of AXI4-Lite."""
 
     cycle: int
     value: int
@@ -181,11 +176,18 @@ class Answer:
 
 @dataclass
 class Report:
-    """A run. config: the machine. answers: by the number of the command, for those
-    that were done. events: cycle and bits of each interrupt. read, written: beats by reader and
-    writer. asked: read beats and written bursts that memory was asked for, as those that go wrong
-    are counted. regions: bytes read and written. outside: accesses that no region allows, the first
-    ones told. rule: of AXI that was broken. command: that the script was at."""
+    """Report of a run.
+
+    result: key of `REASONS`
+    rule: the AXI rule that was broken
+    answers: by number of the command; command: number of the last one
+    events: cycle and bits of each interrupt
+    read, written: beats by reader and by writer
+    asked: read beats and write bursts requested, numbered as in `Timing`'s faults
+    regions: bytes read and written by region
+    outside: number of illegal accesses; outside_shown: the first few as text
+    window: first and last recorded cycle
+    """
 
     config: Config
     result: str = ""
@@ -199,25 +201,25 @@ class Report:
     asked: tuple[int, int] = (0, 0)
     regions: dict[str, tuple[int, int]] = field(default_factory=dict)
     outside: int = 0
-    outside_told: list[str] = field(default_factory=list)
+    outside_shown: list[str] = field(default_factory=list)
     window: tuple[int, int] | None = None
 
     @property
     def done(self) -> bool:
-        """True if the script came to its end without an error."""
+        """True if the script ended without an error."""
         return self.result == "done"
 
     @property
     def why(self) -> str:
-        """The result in words."""
+        """Outcome of the run, as text."""
         text = f"{REASONS[self.result]}, cycle {self.cycles}, command {self.command}"
         text += f": {self.rule}" if self.rule else ""
-        told = self.outside_told[0] if self.outside else ""
-        return text + (f"; {self.outside} accesses outside of memory: {told}" if told else "")
+        first = self.outside_shown[0] if self.outside else ""
+        return text + (f"; {self.outside} accesses outside of memory: {first}" if first else "")
 
     @property
     def traffic(self) -> dict[str, int]:
-        """Bytes by cause: whole beats, but of pixels only those that are written."""
+        """Bytes by cause: whole beats; of pixels only the bytes that are written."""
         found = {f"read_{name}": beats for name, beats in self.read.items()}
         found |= {f"write_{name}": beats for name, beats in self.written.items()}
         found = {cause: beats * beat_bytes(self.config, cause) for cause, beats in found.items()}
@@ -226,7 +228,7 @@ class Report:
 
 
 def read_report(path: Path, config: Config) -> Report:
-    """The report that the program has written."""
+    """Read the program's report."""
     report, readers, writers = Report(config), list(READERS), list(WRITERS)
     for line in path.read_text().splitlines():
         kind, *rest = line.split()
@@ -245,11 +247,11 @@ def read_report(path: Path, config: Config) -> Report:
             report.regions[rest[0]] = int(rest[1]), int(rest[2])
         elif kind == "outside":
             report.outside = int(rest[1])
-        elif kind == "told":
-            what, number, address, size, cycle = rest
-            name = (readers if what == "read" else writers)[int(number)]
-            text = f"{what} of {name}, {size} bytes at 0x{int(address):x}, cycle {cycle}"
-            report.outside_told.append(text)
+        elif kind == "shown":
+            access, number, address, size, cycle = rest
+            name = (readers if access == "read" else writers)[int(number)]
+            text = f"{access} of {name}, {size} bytes at 0x{int(address):x}, cycle {cycle}"
+            report.outside_shown.append(text)
         elif kind == "window":
             report.window = int(rest[1]), int(rest[2])
         elif kind == "end":
@@ -261,7 +263,7 @@ def read_report(path: Path, config: Config) -> Report:
 def prepare(
     folder: Path, script: Script, memory: Memory, timing: Timing, settings: Mapping[str, str]
 ) -> None:
-    """Write what a run on a folder's memory file needs besides; settings: its limits, and more."""
+    """Write `settings` and `script` into a run's folder. settings: limits and further lines."""
     lines = [*timing.settings, f"size {(folder / MAPPED).stat().st_size}"]
     lines += [f"{name.lower()} {script.addresses[name]}" for name in ("INTERRUPT", "FINISHED")]
     for r in memory.regions:
@@ -285,8 +287,9 @@ def execute(
 ) -> Report:
     """Run a script on the memory file of a folder.
 
-    progress: told of cycles and of the image's bytes that have been written, twice a second.
-    settings: more lines for the program. Raises SimulationError if the program breaks off.
+    progress: called twice per second with cycles and image bytes written
+    settings: further lines for the program
+    Raises SimulationError if the program fails.
     """
     limits = {"idle_max": str(idle_max), "cycles_max": str(cycles_max)}
     prepare(folder, script, memory, timing, limits | dict(settings or {}))
@@ -308,10 +311,10 @@ def execute(
             run.kill()
             raise
     if run.returncode:
-        raise SimulationError(f"the simulation broke off: {''.join(log[-5:])}")
+        raise SimulationError(f"the simulation failed: {''.join(log[-5:])}")
     return read_report(folder / "report", script.config)
 
 
 def open_memory(folder: Path) -> np.ndarray:
-    """The memory file's bytes, which stay readable when the folder is gone."""
+    """Map the memory file; its bytes stay readable after the folder is deleted."""
     return np.memmap(folder / MAPPED, np.uint8, "r")

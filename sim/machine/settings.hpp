@@ -1,4 +1,4 @@
-// What a run is told: files of lines, each of some words.
+// Settings and script of a run: files of lines, which are split into words.
 
 #pragma once
 

@@ -1,4 +1,4 @@
-// How often nets change in a run (SAIF).
+// Counts changes of nets in a run (SAIF).
 
 #pragma once
 
@@ -7,11 +7,11 @@
 #include "settings.hpp"
 #include "verilated_saif_c.h"
 
-// Counts how often each net changes and how long it is 1, at the end of each cycle, when all has
-// settled: in windows of so many cycles, of which there is one in every so many. With `steady`,
-// bits of the interrupt, from where the first frame's points are ready until its tiles are finished
-// and the second one's points are ready: a driver that clears the interrupt tells. The file's
-// clock counts the cycles that were looked at.
+// Counts how often each net changes and how long it is 1, sampled at the end of each cycle: in the
+// first of every `every` windows of `length` cycles. With `steady`, two bits of INTERRUPT, only
+// from when the first frame's points are ready until its tiles are finished and the second frame's
+// points are ready, as seen from the driver clearing INTERRUPT. The file's time is the number of
+// sampled cycles.
 struct Window {
     VerilatedSaifC saif;
     Vtop& top;

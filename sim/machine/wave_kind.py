@@ -1,4 +1,4 @@
-"""Kinds of files of waveforms, and what they need."""
+"""Kinds of waveform files, and their requirements."""
 
 from pathlib import Path
 
@@ -9,19 +9,21 @@ KINDS = ("vcd", "fst")
 FST_HEADERS = ("zlib.h", "lz4.h")
 
 LEVELS, DEEPEST = 4, 99
-"""Levels of modules that are recorded: of the whole, with that around the machine, down to the
-stages; and of a module that --scope names."""
+"""Recorded levels of modules: of the whole machine, from the module around it down to the stages;
+and of a module named by --scope."""
 
 
 def check_kind(path: Path) -> str:
-    """The kind of waveforms that a file's name asks for: "vcd", or "fst", whose headers must be
-    there; InputError for others."""
+    """Kind of waveforms by a file's suffix: "vcd" or "fst".
+
+    Raises InputError for another suffix, and for FST if its C headers are not installed.
+    """
     kind = path.suffix.lower().removeprefix(".") or KINDS[0]
     if kind not in KINDS:
-        raise InputError(f"--waves {path}: does not end with .vcd or .fst")
+        raise InputError(f"--waves {path}: must end in .vcd or .fst")
     if kind == "fst" and not has_headers(*FST_HEADERS):
         raise InputError(
             f"--waves {path}: FST needs {' and '.join(FST_HEADERS)} when the simulation is "
-            "compiled (on Debian zlib1g-dev and liblz4-dev); a .vcd needs neither"
+            "compiled (Debian: zlib1g-dev and liblz4-dev); VCD needs neither"
         )
     return kind

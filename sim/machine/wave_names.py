@@ -1,4 +1,4 @@
-"""Names in a file of waveforms: its modules and signals, of VCD and of FST."""
+"""Modules and signals in a waveform file, VCD or FST."""
 
 import difflib
 from collections.abc import Iterator
@@ -8,14 +8,14 @@ from pathlib import Path
 from splatcore.spec.error import InputError
 
 HIERARCHY = 6  # type of FST's block of names, compressed by LZ4
-SCOPE, UPSCOPE = 254, 255  # what it holds besides signals
-LENGTH = 8  # bytes of lengths in it
-MATCH_MIN, MORE = 4, 15  # of LZ4: bytes of the shortest match; a length that goes on
+SCOPE, UPSCOPE = 254, 255  # its entries that are not signals
+LENGTH = 8  # bytes of a block's length
+MATCH_MIN, MORE = 4, 15  # LZ4: bytes of the shortest match; a length continued in more bytes
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A signal. scope: its module, from TOP on; code: the same for names of one net."""
+    """A signal. scope: path of its module, from TOP on; code: equal for all names of one net."""
 
     scope: str
     name: str
@@ -24,7 +24,7 @@ class Signal:
 
 
 def signals(path: Path) -> Iterator[Signal]:
-    """Signals of a file of waveforms, by its end a FST or a VCD, in its order."""
+    """Signals of a waveform file in its order; a FST if its suffix says so, else a VCD."""
     return _of_fst(path.read_bytes()) if path.suffix == ".fst" else _of_vcd(path)
 
 
@@ -44,7 +44,7 @@ def _of_vcd(path: Path) -> Iterator[Signal]:
 
 
 def _of_fst(data: bytes) -> Iterator[Signal]:
-    """Of a FST as Verilator writes it; the format is that of GTKWave's fstapi."""
+    """Signals of a FST as written by Verilator; the format is GTKWave's (fstapi)."""
     names, at, scopes, nets = _hierarchy(data), 0, [], 0
 
     def text() -> str:
@@ -78,7 +78,7 @@ def _of_fst(data: bytes) -> Iterator[Signal]:
 
 
 def _hierarchy(data: bytes) -> bytes:
-    """The block of names of a FST."""
+    """Unpacked hierarchy block of a FST."""
     at = 0
     while at < len(data):
         length = int.from_bytes(data[at + 1 : at + 1 + LENGTH])
@@ -89,7 +89,7 @@ def _hierarchy(data: bytes) -> bytes:
 
 
 def _unpacked(data: bytes) -> bytes:
-    """What a block of LZ4 holds."""
+    """Decompress an LZ4 block."""
     out, at = bytearray(), 0
 
     def length(count: int) -> int:
@@ -112,7 +112,7 @@ def _unpacked(data: bytes) -> bytes:
         back, at = int.from_bytes(data[at : at + 2], "little"), at + 2
         count = length(token & MORE) + MATCH_MIN
         begin = len(out) - back
-        while count:  # a match may overlap what it makes
+        while count:  # a match may overlap its own output
             part = out[begin : begin + count]
             out += part
             count -= len(part)
@@ -120,21 +120,21 @@ def _unpacked(data: bytes) -> bytes:
 
 
 def find_scope(names: list[Signal], wanted: str) -> str:
-    """The module whose path ends with that of --scope; InputError if it is none or several."""
+    """The module whose path ends with that of --scope; InputError if none or several match."""
     scopes = dict.fromkeys(signal.scope for signal in names)
     found = [scope for scope in scopes if f".{scope}".endswith(f".{wanted.strip('.')}")]
     if len(found) > 1:
-        there = ", ".join(found[:4])
-        raise InputError(f"--scope {wanted}: is one of {there}; say more of its path")
+        listed = ", ".join(found[:4])
+        raise InputError(f"--scope {wanted}: could be {listed}; give more of its path")
     if not found:
         last = list(dict.fromkeys(scope.rpartition(".")[2] for scope in scopes))
         near = difflib.get_close_matches(wanted.rpartition(".")[2], last, 3, 0)
-        raise InputError(f"--scope {wanted}: there is no such module; near it: {', '.join(near)}")
+        raise InputError(f"--scope {wanted}: no such module; similar: {', '.join(near)}")
     return found[0]
 
 
 def within(names: list[Signal], scope: str, levels: int) -> list[Signal]:
-    """Signals of a module and of the modules in it, so many levels, itself included."""
+    """Signals of a module and its submodules. levels: of modules, the module itself included."""
     most = scope.count(".") + levels
     return [
         signal

@@ -1,12 +1,12 @@
-"""Size of a file of waveforms, from its signals and cycles, before anything is simulated."""
+"""Estimated size of a waveform file, from its signals and cycles, before simulation."""
 
 from collections.abc import Sequence
 
 from splatcore.sim.machine.wave_names import Signal
 
-DECLARED = 30  # bytes of a signal in a VCD's head, besides its name
-CHANGE, WIDE = 4, 3  # bytes of a value in a VCD besides its bits; more of several bits
-TIMES = 16  # bytes of a cycle's two times
+DECLARED = 30  # bytes per signal in a VCD's header, without its name
+CHANGE, WIDE = 4, 3  # bytes per value in a VCD, without its bits; extra if it has several bits
+TIMES = 16  # bytes per cycle for its two time stamps
 
 CHANGING = {
     "TOP.top.preprocess.points.": 0.3,
@@ -15,16 +15,16 @@ CHANGING = {
     "TOP.top.axi": 0.025,
     "TOP": 0.2,
 }
-"""Share of nets that change in a cycle, by the beginning of their module. Measured on TINY: 0.26 to
-0.33 within the points' arithmetic, which never rests, 0.02 in its ports, 0.01 to 0.02 in rendering,
-0.2 in the top itself; in a stream that never rests 0.4."""
+"""Share of nets that change per cycle, by prefix of their module's path. Measured on TINY: 0.26 to
+0.33 in the points' arithmetic, which is never idle, 0.02 in its ports, 0.01 to 0.02 in rendering,
+0.2 in the top itself; 0.4 in a stream that is never idle."""
 
 FST = 0.15
-"""Bytes of a FST for each of the VCD."""
+"""Size of a FST relative to the VCD."""
 
 
 def estimate(names: Sequence[Signal], cycles: int, kind: str) -> int:
-    """Bytes of the waveforms of some signals over so many cycles, within a factor of three."""
+    """Bytes of the waveforms of some signals over `cycles`, within a factor of three."""
     head = sum(DECLARED + len(signal.name) for signal in names)
     size = head + TIMES * cycles
     for signal in {signal.code: signal for signal in names}.values():

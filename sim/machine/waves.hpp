@@ -16,7 +16,7 @@ using Traced = VerilatedVcdC;
 constexpr const char* WAVES_FILE = "/waves.vcd";
 #endif
 
-// The file: signals of a module and of so many levels of modules in it, of all without.
+// The file: signals of `scope`, a module, down to a number of levels; of all modules without it.
 struct Waves : Traced {
     Waves(Vtop& top, Settings& s) {
         top.trace(this, 99);
@@ -28,8 +28,8 @@ struct Waves : Traced {
     }
 };
 
-// Writes down a window: given cycles, or from a read of an address until a rectangle's bytes of the
-// image have been written.
+// Records a window: given cycles, or from a read of an address until all bytes of a rectangle of
+// the image have been written.
 struct Window {
     Waves waves;
     uint64_t first = 0, last = UINT64_MAX, image = 0, stride = 1, x0 = 0, x1 = 0, y0 = 0, y1 = 0;

@@ -1,4 +1,4 @@
-"""Waveforms of a part of a run: a VCD or FST file, and beside it a view of the stages' streams."""
+"""Waveforms of a part of a run: a VCD or FST file, and views of the stages' streams for viewers."""
 
 import re
 import shutil
@@ -27,20 +27,24 @@ from splatcore.spec.work import PIXEL, SLOT, page_bytes, stride
 WHOLE = "TOP"  # the module around the machine
 
 OVERLAP, MORE = 1.5, 300
-"""Cycles of a group by those of its share of a frame's entries; cycles that are added."""
+"""Estimate of a group's cycles: factor on its share of the frame's cycles, and cycles added."""
 
 CLOCK = ("clk", "rst")
 BINARY, HEXADECIMAL, GROUP, GROUP_END = "@28", "@22", "@800200", "@1000200"
-"""How GTKWave shows the next lines, by its flags."""
+"""GTKWave's display flags for the lines that follow."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """The part of a run that is recorded: cycles, or frame 0's group of a tile, from the reading of
-    its list to the last of its pixels.
+    """The recorded part of a run: given cycles, or a tile's group of frame 0, from reading its list
+    to writing its last pixel.
 
-    offset: where its list begins in list memory (in_lists), or its place in the table of groups if
-    it has none. rectangle: x0, x1, y0, y1 of the group's pixels. share: of all entries in its list.
+    cycles: first and last cycle; None for a group
+    in_lists: whether the group has a list
+    offset: of its list in list memory; without a list, of its entry in the table of groups
+    width: of the image, in pixels
+    rectangle: x0, x1, y0, y1 of the group's pixels
+    share: its part of all entries of the frame
     """
 
     cycles: tuple[int, int] | None = None
@@ -52,16 +56,16 @@ class Window:
 
     @classmethod
     def of(cls, config: Config, window: str | None, tile: str | None, golden: Frame) -> "Window":
-        """The window of --window or --tile; InputError for what does not exist."""
+        """Parse --window or --tile; InputError if it is not in the run or the image."""
         if window:
             first, last = _two(window, "--window", ":")
             if not 0 <= first <= last:
-                raise InputError(f"--window {window}: ends before it begins")
+                raise InputError(f"--window {window}: the end is before the beginning")
             return cls((first, last))
         column, row = _two(tile, "--tile", ",")
         height, width = golden.pixels.shape[:2]
         if not (0 <= column * TILE < width and 0 <= row * TILE < height):
-            raise InputError(f"--tile {tile}: is not within the image of {width}x{height}")
+            raise InputError(f"--tile {tile}: outside of the image of {width}x{height}")
         group, _ = place_in_group(config, golden, (column, row))
         side, lists = group_pixels(config), golden.binned.lists
         y, x = (k * side for k in divmod(group, group_grid(config, width, height)[1]))
@@ -73,15 +77,18 @@ class Window:
         return cls(None, False, group * SLOT, width, rectangle)
 
     def count(self, run: int, rendering: int) -> int:
-        """About how many cycles it has, in a run of so many, the second half of a frame `rendering`
-        of them. A group is read while an earlier one is rasterized."""
+        """Estimated number of recorded cycles; a group is read while an earlier one is rasterized.
+
+        run: cycles of the run
+        rendering: cycles of a frame's second half
+        """
         if self.cycles is None:
             return min(round(OVERLAP * self.share * rendering) + MORE, run)
         first, last = self.cycles
         return max(min(last, run) - first, 0) + 1
 
     def settings(self, areas: Areas) -> dict[str, str]:
-        """Lines for the program."""
+        """Lines of the program's `settings`."""
         if self.cycles:
             return {"window": f"{self.cycles[0]} {self.cycles[1]}"}
         x0, x1, y0, y1 = self.rectangle
@@ -92,8 +99,11 @@ class Window:
 
 @dataclass(frozen=True)
 class Recording:
-    """Waveforms to be written: the window, and a module with so many levels of modules, itself
-    included."""
+    """Waveforms to record.
+
+    scope: path of a module
+    levels: of modules to record, the module itself included
+    """
 
     path: Path
     window: Window
@@ -104,7 +114,7 @@ class Recording:
 def write_waves(
     machine: Machine, jobs: list[Job], timing: Timing, recording: Recording, label: str
 ) -> Run:
-    """Run frames, write what happens in the window to a VCD or FST file, and views beside it."""
+    """Run frames and write the window's waveforms, and viewer files next to them."""
     path, window = recording.path, recording.window
 
     def settings(areas: Areas) -> dict[str, str]:
@@ -123,7 +133,7 @@ def write_waves(
 
 
 def names_of(machine: Machine) -> list[Signal]:
-    """All signals of which a machine can write waveforms."""
+    """All signals whose waveforms a machine can write."""
     with TemporaryDirectory(prefix="splatcore") as name:
         folder = Path(name)
         (folder / "settings").write_text("names all\n")
@@ -133,7 +143,7 @@ def names_of(machine: Machine) -> list[Signal]:
 
 
 def streams_of(names: list[Signal]) -> Iterator[tuple[str, dict[str, dict[str, int]]]]:
-    """Modules with streams: of each valid, ready, payload and its fields, with their bits."""
+    """Modules with streams: for each stream its valid, ready, payload and fields, with widths."""
     modules = defaultdict(dict)
     for signal in names:
         modules[signal.scope][signal.name] = signal.width
@@ -151,13 +161,13 @@ def streams_of(names: list[Signal]) -> Iterator[tuple[str, dict[str, dict[str, i
 
 
 def clocks(names: list[Signal]) -> list[str]:
-    """Clock and reset, as far as they are there."""
-    there = {signal.name for signal in names if signal.scope == WHOLE}
-    return [f"{WHOLE}.{name}" for name in CLOCK if name in there]
+    """Paths of clock and reset, if recorded."""
+    recorded = {signal.name for signal in names if signal.scope == WHOLE}
+    return [f"{WHOLE}.{name}" for name in CLOCK if name in recorded]
 
 
 def gtkwave(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
-    """GTKWave's save file: the streams of each module, a group for each."""
+    """GTKWave save file: one group per stream, by module."""
     lines = [f'[dumpfile] "{path.absolute()}"', f"[timestart] {10 * window[0]}"]
     lines += ["[signals_width] 320", "[sst_expanded] 1"]
     lines += [f"{BINARY}\n{name}" for name in clocks(names)]
@@ -173,8 +183,8 @@ def gtkwave(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
 
 
 def surfer(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
-    """Surfer's command file: the streams of each module behind a divider; a payload as a whole, as
-    a dot in a name would be a module's end to it."""
+    """Surfer command file: each module's streams after a divider. Payloads are shown as a whole, as
+    Surfer takes a dot in a name for the end of a module's name."""
     lines = [f"load_file {path.absolute()}", *(f"variable_add {name}" for name in clocks(names))]
     for scope, streams in streams_of(names):
         lines.append(f"divider_add {scope}")
@@ -184,12 +194,12 @@ def surfer(path: Path, window: tuple[int, int], names: list[Signal]) -> str:
 
 
 VIEWS = {".gtkw": gtkwave, ".sucl": surfer}
-"""Files beside waveforms that have a viewer show the stages' streams: end → their makers."""
+"""Viewer files written next to waveforms, which show the stages' streams: maker by suffix."""
 
 
 def _two(text: str, option: str, between: str) -> tuple[int, int]:
-    """Two numbers with a character between them."""
+    """Parse two numbers separated by `between`."""
     match = re.fullmatch(rf"(\d+){between}(\d+)", text)
     if not match:
-        raise InputError(f"{option} '{text}': is not two numbers with '{between}' between them")
+        raise InputError(f"{option} '{text}': must be two numbers separated by '{between}'")
     return int(match[1]), int(match[2])

@@ -1,4 +1,4 @@
-"""Packing to a wanted error: which model a scene becomes, and where its error comes from.
+"""Packing to a requested error: choice of the model, and its error by part.
 
 May import: spec, model, golden, sim.common.
 """

@@ -1,4 +1,4 @@
-"""Where a packed model's bytes and its error come from, part by part."""
+"""Bytes and error of a packed model, by part."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.model.pack.stored import stored_scene
-from splatcore.sim.packing.choose import SAME_DB, Tell, Views
+from splatcore.sim.packing.choose import SAME_DB, Progress, Views
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import LAYOUTS, SHIFT_BITS, coefficient_count
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER
@@ -15,7 +15,7 @@ from splatcore.spec.scene import Gaussians, Scene, sh_count
 
 
 def bytes_by_part(model: PackedModel) -> dict[str, float]:
-    """Bytes a Gaussian of each part of a model, its codebooks in "codebooks", rest in "unused"."""
+    """Bytes per Gaussian of each part of a model, including "codebooks" and "unused" bytes."""
     count, format = max(len(model), 1), model.format
     record = dict(format.stored_record.fields)
     width = {name: field.width for name, field in record.items()}
@@ -44,7 +44,7 @@ def bytes_by_part(model: PackedModel) -> dict[str, float]:
 
 
 def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussians]]:
-    """Names of parts, and the scene's Gaussians with that part alone as it is packed."""
+    """Yield each part's name and the scene's Gaussians with only that part packed."""
     stored = stored_scene(scene, model.format).scene
     exact, packed = stored.gaussians(), model.gaussians()
     yield "positions", replace(exact, position=packed.position)
@@ -57,13 +57,15 @@ def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussi
 
 
 def psnr_by_part(
-    scene: Scene, model: PackedModel, cameras: Sequence[Camera] | Views, tell: Tell = str
+    scene: Scene, model: PackedModel, cameras: Sequence[Camera] | Views, progress: Progress = str
 ) -> dict[str, float | None]:
-    """dB of the reference's pictures of the scene with one part at a time as it is packed against
-    those of the scene as it is, the worst of the views; None for no error."""
+    """PSNR in dB of the scene with one part at a time packed, against the scene as trained.
+
+    Pictures are the reference's. Returns the worst view's PSNR by part; None for equal pictures.
+    """
     views, found = Views.of(scene, cameras), {}
     for name, gaussians in part_by_part(scene, model):
-        tell(f"error of {name}")
+        progress(f"error of {name}")
         db = views.psnr_db(gaussians)
         found[name] = None if db == SAME_DB else db
     return found

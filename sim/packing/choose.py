@@ -1,4 +1,4 @@
-"""The model that a scene is packed as: the smallest that is good enough in the views given."""
+"""Choice of a scene's packed model: the smallest with enough PSNR in the given views."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,18 +22,22 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
 SAME_DB = 200.0
-"""Stands for the dB of equal pictures where numbers are compared."""
+"""PSNR in dB that equal pictures count as in comparisons."""
 
-ROUNDS = 7  # of bisection over the chunks that get more harmonics
+ROUNDS = 7  # of bisection over the number of chunks that get more harmonics
 
-Tell = Callable[[str], None]  # called with the name of the step that begins
+Progress = Callable[[str], None]  # called with the name of the step that begins
 
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A scene as a model. psnr_db: "packing", of the reference's pictures of the model against
-    those of the scene as it is, all harmonics, the worst of the views. camera: the first of them;
-    exact, drawn: the reference's pictures of the scene and of the model to it."""
+    """A scene's packed model and the loss of packing.
+
+    psnr_db: reference on the model against reference on the scene as trained, the worst of the
+        views; None for equal pictures
+    camera: of the first view
+    exact, drawn: the reference's 8-bit pictures of scene and model in that view
+    """
 
     model: PackedModel
     report: PackReport
@@ -44,37 +48,37 @@ class Packed:
     drawn: np.ndarray
 
     def metrics(self, pixels: np.ndarray) -> dict[str, float | None]:
-        """Of the machine's picture to that camera: `against` machine, scene and packing."""
+        """Metrics of the machine's picture of the first view: machine, scene and packing."""
         found = differences(pixels, {"machine": self.drawn, "scene": self.exact})
         return against(found | {"packing": difference(self.drawn, self.exact)})
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Cameras, and what the scene as it is looks like to them."""
+    """Cameras, and the reference's 8-bit pictures of the scene as trained."""
 
     cameras: Sequence[Camera]
     pictures: list[np.ndarray]
 
     @classmethod
     def of(cls, scene: Scene, cameras: "Sequence[Camera] | Views") -> "Views":
-        """The scene in the eyes of cameras; views of it as they are."""
+        """Render the scene for cameras; `Views` are returned unchanged."""
         if isinstance(cameras, Views):
             return cameras
         return cls(cameras, [picture(scene.gaussians(), camera) for camera in cameras])
 
     def psnr_db(self, gaussians: Gaussians) -> float:
-        """dB of Gaussians against the scene, the worst of the views; `SAME_DB` for no error."""
+        """PSNR in dB of Gaussians against the scene, the worst view's; `SAME_DB` if equal."""
         return self.least_db([picture(gaussians, camera) for camera in self.cameras])
 
     def least_db(self, drawn: list[np.ndarray]) -> float:
-        """The same of their pictures."""
+        """PSNR in dB of 8-bit pictures of all views, as in `psnr_db`."""
         pairs = zip(drawn, self.pictures, strict=True)
         found = [psnr(picture / LEVELS, exact / LEVELS) for picture, exact in pairs]
         return min(SAME_DB if db is None else db for db in found)
 
     def judged(self, model: PackedModel, report: PackReport, quality: str) -> Packed:
-        """A model with its dB and pictures."""
+        """Render a model in all views and add its PSNR."""
         drawn = [picture(model.gaussians(), camera) for camera in self.cameras]
         db = self.least_db(drawn)
         return Packed(
@@ -89,8 +93,10 @@ def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
 
 
 def packing(source: Source, truths: dict[str, np.ndarray] | None = None) -> dict | None:
-    """How a source's scene was packed for a machine, last; None if it was not. truths: what the
-    reference makes of model and scene, if it is to another view than what the scene was packed for.
+    """Summary of how a source's scene was last packed; None if it was not.
+
+    truths: the reference's pictures of model ("machine") and scene ("scene") for a view other than
+        the one that the scene was packed for
     """
     if not source.packed:
         return None
@@ -102,7 +108,7 @@ def packing(source: Source, truths: dict[str, np.ndarray] | None = None) -> dict
 
 
 def quality_of(source: Source, config: Config, cameras: Sequence[Camera]) -> str | None:
-    """The quality that is chosen for some views; None for what is packed already."""
+    """The quality that is chosen for some views; None for a packed model."""
     if source.scene is None:
         return None
     only, *more = candidates(source.scene, config)
@@ -110,38 +116,39 @@ def quality_of(source: Source, config: Config, cameras: Sequence[Camera]) -> str
 
 
 def packing_line(source: Source) -> str:
-    """The same as a line for people; empty if there was nothing to pack."""
+    """`packing` as a line of text; empty if nothing was packed."""
     found = packing(source)
     if found is None:
         return ""
     db = "equal" if found["psnr_db_packing"] is None else f"{found['psnr_db_packing']:.2f} dB"
-    size = f"{found['bytes_per_gaussian']:.2f} bytes a Gaussian"
-    return f"packed as {found['quality']}: {size}, packing {db} against the scene as it is"
+    size = f"{found['bytes_per_gaussian']:.2f} bytes per Gaussian"
+    return f"packed as {found['quality']}: {size}, packing {db} against the scene as trained"
 
 
 def packed_model(
     source: Source, config: Config, camera: Camera, quality: str | None = None
 ) -> PackedModel:
-    """The model that a machine renders, kept; a scene is packed for it. It may be empty."""
+    """The model that a machine renders; a scene is packed for it, once. It may be empty."""
     return (
         source.model if source.model is not None else packed(source, config, camera, quality).model
     )
 
 
 def packed(
-    source: Source, config: Config, camera: Camera, quality: str | None = None, tell: Tell = str
-) -> Packed:
-    """A source's scene packed for a machine and a view, kept; what that loses is noted."""
+    source: Source, config: Config, camera: Camera, quality: str | None = None,
+    progress: Progress = str,
+) -> Packed:  # fmt: skip
+    """Pack a source's scene for a machine and a view, once, and note its losses."""
     key = packable(config), (quality or (camera.name, camera.width, camera.height))
     if key not in source.packed:
-        source.packed[key] = choose(source.scene, config, [camera], quality, tell=tell)
+        source.packed[key] = choose(source.scene, config, [camera], quality, progress=progress)
         for line in source.packed[key].report.notes:
             source.note(line)
     return source.packed[key]
 
 
 def candidates(scene: Scene, config: Config) -> tuple[str, ...]:
-    """`UNLEARNED` that a machine renders, without those that are no smaller than a better one."""
+    """Qualities of `UNLEARNED` that a machine renders and that are smaller than all better ones."""
     if config.colours == "array":
         return (COMPACT,)
     degree = min(scene.sh_degree, config.sh_degree)
@@ -149,16 +156,19 @@ def candidates(scene: Scene, config: Config) -> tuple[str, ...]:
 
 
 def finest(scene: Scene, config: Config) -> str:
-    """The quality for scenes whose corner counts: codebooks up to degree 1, else the best."""
+    """The quality in which hard cases are packed: compact up to degree 1, else the best."""
     return COMPACT if scene.sh_degree <= COMPACT_DEGREE else candidates(scene, config)[-1]
 
 
 def choose(
     scene: Scene, config: Config, cameras: Sequence[Camera] | Views, quality: str | None = None,
-    least: float = LEAST_DB, tell: Tell = str,
+    least: float = LEAST_DB, progress: Progress = str,
 ) -> Packed:  # fmt: skip
-    """The smallest of `UNLEARNED` with at least `least` dB in all views, or the best; or the one
-    that is asked for."""
+    """Pack a scene in the smallest quality of `UNLEARNED` that is good enough.
+
+    quality: the quality to use instead
+    least: PSNR in dB required in all views; if no quality reaches it, the best is taken
+    """
     views = Views.of(scene, cameras)
     names = [quality] if quality else list(candidates(scene, config))
     if len(names) > 1 and scene.sh_degree > COMPACT_DEGREE:
@@ -166,7 +176,7 @@ def choose(
         if views.psnr_db(cut) < least:  # codebooks can only be worse
             names.remove(COMPACT)
     for name in names:
-        tell(f"packing: {name}")
+        progress(f"packing: {name}")
         found = views.judged(*pack(scene, config, quality=name), name)
         if enough(found, least):
             break
@@ -174,22 +184,24 @@ def choose(
 
 
 def smallest(
-    scene: Scene, config: Config, cameras: Sequence[Camera] | Views, least: float, tell: Tell = str
-) -> Packed:
-    """The smallest model with at least `least` dB in all views, or the best that there is.
+    scene: Scene, config: Config, cameras: Sequence[Camera] | Views, least: float,
+    progress: Progress = str,
+) -> Packed:  # fmt: skip
+    """Pack the smallest model with at least `least` dB in all views, or the best one.
 
-    Beyond the compact one: a model in steps, whose chunks get further beats in the order of what a
-    beat takes off their error in these views; of that order the shortest beginning that suffices.
+    If the compact model is not enough: a stepped model, whose chunks get additional beats. The
+    beats are ordered by how much they reduce the error in these views; bisection finds how many
+    of them are needed.
     """
     views = Views.of(scene, cameras)
-    first = choose(scene, config, views, candidates(scene, config)[0], least, tell)
+    first = choose(scene, config, views, candidates(scene, config)[0], least, progress)
     if enough(first, least) or config.colours == "array":
         return first
-    steps = upgrades(scene, config, views.cameras, tell)
+    steps = upgrades(scene, config, views.cameras, progress)
     plain = np.zeros(chunk_count(len(stepped(scene, config))), np.int64)
 
     def of(count: int) -> Packed:
-        tell(f"packing: {count} of {len(steps)} steps")
+        progress(f"packing: {count} of {len(steps)} steps")
         layouts = plain.copy()
         for chunk, layout in steps[:count]:
             layouts[chunk] = layout
@@ -209,29 +221,29 @@ def smallest(
 
 
 def enough(packed: Packed, least: float) -> bool:
-    """True if a model reaches so many dB."""
+    """True if a model reaches `least` dB."""
     return packed.psnr_db is None or packed.psnr_db >= least
 
 
 def upgrades(
-    scene: Scene, config: Config, cameras: Sequence[Camera], tell: Tell
+    scene: Scene, config: Config, cameras: Sequence[Camera], progress: Progress
 ) -> list[tuple[int, int]]:
-    """Chunks and the layouts that they get one after the other, what takes off most first.
+    """(chunk, layout) upgrades, ordered by how much each reduces the error, most first.
 
     A chunk's error with a layout is Σ weight · squared error of its Gaussians' colours, as the
-    cameras see them; weight: the Gaussian's share of the pictures.
+    cameras see them. weight: the Gaussian's share of the pictures.
     """
     stored = stepped(scene, config)
     degree = min(scene.sh_degree, config.sh_degree)
     kinds = {0: (), 3: (COARSE, FINE)}.get(degree, (SECOND,))
     of = np.arange(len(stored)) // CHUNK
     chunks = chunk_count(len(stored))
-    tell("weighing Gaussians")
+    progress("weighing Gaussians")
     exact = stored.gaussians()
     weights = list(blending_weights(exact, cameras))
     errors = []
     for kind in (0, *kinds):
-        tell(f"weighing chunks: {len(errors) + 1} of {1 + len(kinds)}")
+        progress(f"weighing chunks: {len(errors) + 1} of {1 + len(kinds)}")
         model, _ = pack(scene, config, quality=np.full(chunks, kind))
         error = seen_error(exact, model.gaussians(), weights, cameras)
         errors.append(np.bincount(of, error, chunks))
@@ -243,15 +255,17 @@ def upgrades(
 
 
 def stepped(scene: Scene, config: Config) -> Scene:
-    """The scene as it is stored in models in steps."""
+    """The scene as stored in stepped models."""
     return stored_scene(scene, format_of(config, STEPPED[0], scene.sh_degree)).scene
 
 
 def seen_error(
     exact: Gaussians, packed: Gaussians, weights: list[np.ndarray], cameras: Sequence[Camera]
 ) -> np.ndarray:
-    """Σ over the cameras of weight · squared error of the colour, [N]. What a camera does not see
-    has no colour: at its own place there is no direction."""
+    """Σ over the cameras of weight · squared error of the colour, [N].
+
+    Gaussians of weight 0 are skipped: one at the camera's own position has no view direction.
+    """
     total = np.zeros(len(packed))
     for weight, camera in zip(weights, cameras, strict=True):
         index = np.flatnonzero(weight)

@@ -1,9 +1,9 @@
-"""Switching of frames in RTL simulation: changes of each part's nets, accesses of each memory.
+"""Switching activity in RTL simulation: changes of each part's nets, accesses of each memory.
 
-Two frames of a view are simulated from memory to pixels, so that both halves are at work at once.
-Counted is a frame's time: from where the first one's tiles can be rendered until the second one's
-can, while that one's points were made. Nets are looked at once a cycle, when all has settled: what
-gates switch in between (hazards) is left out. Long frames are sampled in windows.
+Two frames of a view are simulated from memory to pixels, so that both halves are busy. One frame
+time is counted: from when the first frame's tiles can be rendered until the second frame's can,
+while the second frame's points are processed. Nets are sampled once per cycle, after they have
+settled, so glitches of gates (hazards) are left out. Long frames are sampled in windows.
 """
 
 import re
@@ -36,18 +36,18 @@ from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY
 FRAMES = 2
 
 SAMPLE_LENGTH = 4096
-"""Cycles of a window. What changed since the window before counts as one change of a net."""
+"""Cycles per window. A net that differs from the previous window counts as one change."""
 
-COUNTED = 1 << 17  # cycles of a frame that are looked at, about, unless one says otherwise
-MACRO = "macro"  # instance of a memory (`sim.eda.macros`); its nets are the memory's own business
+COUNTED = 1 << 17  # cycles of a frame that are sampled by default, about
+MACRO = "macro"  # instance of a memory (`sim.eda.macros`); its nets are not logic
 
 TOP_DEPTH = 2
-"""Instances around the machine's own: Verilator's, which has its ports once more, and `top`."""
+"""Instances around the machine's own: Verilator's, which repeats its ports, and `top`."""
 
 
 @dataclass(frozen=True)
 class Activity:
-    """Bits of a part's nets, how often they changed in a frame, and bits that never did."""
+    """Activity of a part. bits: of its nets; changes: per frame; still: bits that never changed."""
 
     bits: int
     changes: float
@@ -56,7 +56,7 @@ class Activity:
 
 @dataclass(frozen=True)
 class Accesses:
-    """A memory: its part, its size, and the rows that are read and written in a frame."""
+    """A memory: its path, its part, its size, and its reads and writes per frame."""
 
     path: str
     part: str
@@ -68,10 +68,14 @@ class Accesses:
 
 @dataclass(frozen=True)
 class Counts:
-    """Switching of a frame. parts: by name, as in `sim.eda.machine_gates.PARTS`.
-    cycles: of a frame.
-    sample_every: one in so many windows was looked at; counted: cycles of these. simulated: cycles
-    of the run. traffic: bytes by cause."""
+    """Switching of a frame.
+
+    parts: by name, as in `sim.eda.machine_gates.PARTS`
+    cycles, pixels: of a frame
+    sample_every: one window in `sample_every` was sampled
+    simulated, counted: cycles of the run, and of its sampled windows
+    traffic: bytes per frame, by cause
+    """
 
     parts: dict[str, Activity]
     memories: list[Accesses]
@@ -85,19 +89,19 @@ class Counts:
 
 @cache
 def machine_source(config: Config) -> str:
-    """The machine's Verilog with memories as modules, so that their enables are nets."""
+    """The machine's Verilog with memories as modules, whose enables are nets."""
     macros = Macros()
     text = converted(Top(config), platform=macros)
     return text + "".join(module(*size) for size in sorted(set(macros.sizes)))
 
 
 def plain(name: str) -> str:
-    """A path without the numbers that Amaranth tells equal names apart by."""
+    """A path without the suffixes $N that Amaranth appends to equal names."""
     return re.sub(r"\$\d+", "", name)
 
 
 def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
-    """Words and bits of each memory by the path of the module that it is in."""
+    """Words and bits of each memory, by the path of its module."""
     sizes = {}
     for body in re.split(r"^module \\?top\.?", source, flags=re.M)[1:]:
         path = plain(body.split(maxsplit=1)[0])
@@ -111,7 +115,7 @@ def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
 def read_counts(
     path: Path, sizes: dict[str, tuple[int, int]], scale: float
 ) -> tuple[dict[str, Activity], list[Accesses]]:
-    """Activity by part and accesses by memory from a SAIF file; numbers times `scale`."""
+    """Read activity by part and accesses by memory from a SAIF file, multiplied by `scale`."""
     bits, changes, still = Counter(), Counter(), Counter()
     enables: dict[tuple[str, str], int] = {}
     for net in nets(path):
@@ -144,14 +148,15 @@ def read_counts(
 
 
 def counts_of(config: Config, job: Job, sample_every: int | None, label: str) -> Counts:
-    """Switching of a frame of a view, with LPDDR4 behind the machine; kept for the next time.
+    """Measure the switching of a view's frame with LPDDR4 as memory, or read it from the cache.
 
-    sample_every: looks at one in so many windows; by itself at about `COUNTED` cycles. InputError
-    if the machine does not come to its end or its picture is not the golden model's.
+    sample_every: sample one window in `sample_every`; None: about `COUNTED` cycles in all
+    label: name of the view for messages
+    Raises InputError if the machine fails or its picture is not the golden model's.
     """
     with progress_bar(f"writing the machine {config.name}"):
         source = machine_source(config)
-    # All that decides on the counts; the constants of energy do not, nor do names.
+    # Everything that the counts depend on: not the constants of energy, and no names.
     made_from = [source, replace(config, energy=ENERGY), LPDDR4, job.model.image, job.background]
     made_from += [replace(job.camera, name=""), TOGGLES, FRAMES, SAMPLE_LENGTH, COUNTED]
 
@@ -164,10 +169,10 @@ def counts_of(config: Config, job: Job, sample_every: int | None, label: str) ->
 def simulated_counts(
     config: Config, source: str, job: Job, sample_every: int | None, label: str
 ) -> Counts:
-    """The same, simulated. source: of the machine."""
+    """Simulate the frames for `counts_of`. source: Verilog of the machine."""
     frame = golden(config, job)
     every = sample_every or max(1, round(frame_cycles(config, frame).frame / COUNTED))
-    with progress_bar(f"building the machine {config.name} that counts, which takes minutes"):
+    with progress_bar(f"building the machine {config.name} with activity counting, takes minutes"):
         machine = Machine(config, source, toggles=True)
     lines = settings(every) | {"steady": f"{INTERRUPT_READY} {INTERRUPT_FRAME}"}
     with TemporaryDirectory(prefix="splatcore") as name:
@@ -189,12 +194,12 @@ def simulated_counts(
 
 
 def settings(sample_every: int) -> dict[str, str]:
-    """Lines for the program."""
+    """Sampling options for the simulation program."""
     return {"sample_every": str(sample_every), "sample_length": str(SAMPLE_LENGTH)}
 
 
 def from_json(facts: dict) -> Counts:
-    """Counts as they were written."""
+    """Read `Counts` from their JSON object."""
     parts = {name: Activity(**found) for name, found in facts["parts"].items()}
     memories = [Accesses(**found) for found in facts["memories"]]
     return Counts(**facts | {"parts": parts, "memories": memories})

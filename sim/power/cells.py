@@ -1,4 +1,4 @@
-"""What the machine's parts take: in plain gates, or in cells of a library, scaled to 28 nm."""
+"""Energy of the machine's parts: as plain gates, or in cells of a library, scaled to 28 nm."""
 
 from collections.abc import Callable
 
@@ -15,9 +15,10 @@ from splatcore.spec.energy import Energy
 
 
 def gates_in_cells(timing: Timing, process: float, energy: Energy) -> dict[str, Gates]:
-    """Parts of the machine in cells; energies scaled to 28 nm.
+    """Parts of the machine in library cells, with energies scaled to 28 nm.
 
-    process: the library's nm. Leakage does not scale: it is that of so many NAND2 by `energy`.
+    process: the library's process, nm
+    energy: its leakage per NAND2-equivalent is used, as the library's does not scale
     """
     cells, found = timing.netlist, CellEnergy.of(timing)
     around = [part_around(path) for path in cells.paths]
@@ -34,7 +35,11 @@ def gates_in_cells(timing: Timing, process: float, energy: Energy) -> dict[str, 
 def machine_gates(
     config: Config, library: Library | None, process: float | None, advance: Callable[..., None]
 ) -> dict[str, Gates]:
-    """Parts of the machine; in plain gates without a library. advance: told of what is done."""
+    """Parts of the machine, in cells of a library or, without one, in plain gates.
+
+    process: the library's process, nm
+    advance: called with the progress of synthesis
+    """
     hierarchy = netlist(config)
     if library is None:
         return gates_of(sizes(hierarchy, advance), config.energy)

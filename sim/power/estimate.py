@@ -1,12 +1,12 @@
-"""Power, first order, an ESTIMATE: what a frame switches, times the energies of `spec.energy`.
+"""First-order ESTIMATE of power: switching of a frame times the energies of `spec.energy`.
 
-A part's gates take activity × what they take if all change once, for each cycle: its
-NAND2-equivalents × energy of a switching NAND2, or what a library says of its cells
-(`sim.power.cells`). Its activity is that of its nets in RTL, changes for each bit and cycle, which
-stand for the nets of gates that synthesis makes of them. Both are rough: RTL has nets that
-synthesis takes out (constants and names of the same wire, which count more than once), gates have
-more nets than RTL, and hazards are left out. Flip-flops are clocked in each cycle of a frame, as
-there are no clock gates; memories take energy when they are read or written only.
+Energy of a part's gates per cycle: activity × energy if all nets change once. The latter is
+NAND2-equivalents × energy of a switching NAND2, or comes from the cells of a library
+(`sim.power.cells`). Activity is measured in RTL, as changes per bit and cycle of the part's nets,
+which stand for the nets of the synthesised gates. Both are rough: RTL has nets that synthesis
+removes (constants, and several names of one wire), gates have more nets than RTL, and hazards are
+left out. Flip-flops are clocked in every cycle of a frame, as there are no clock gates. Memories
+take energy only when they are read or written.
 """
 
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
 
 
 class Gates(NamedTuple):
-    """A part. change: J if all its nets change once; clock: J of a cycle; leakage: W."""
+    """A part. change: J if all its nets change once; clock: J per cycle; leakage: W."""
 
     nand2: float
     flip_flops: int
@@ -37,8 +37,12 @@ class Gates(NamedTuple):
 
 @dataclass(frozen=True)
 class Logic:
-    """A part or a stage. activity: changes of a net's bit in a cycle; switching, clock: J of a
-    frame; leakage: W."""
+    """A part or a stage.
+
+    activity: changes per bit and cycle
+    switching, clock: J per frame
+    leakage: W
+    """
 
     nand2: float
     flip_flops: int
@@ -49,13 +53,13 @@ class Logic:
 
     @property
     def frame(self) -> float:
-        """J of a frame, without leakage."""
+        """J per frame, without leakage."""
         return self.switching + self.clock
 
 
 @dataclass(frozen=True)
 class Memory:
-    """A memory, or those of a stage. access: J of a frame; leakage: W."""
+    """A memory, or all memories of a stage. access: J per frame; leakage: W."""
 
     kilobits: float
     reads: float
@@ -66,7 +70,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Estimate:
-    """J of a frame and W of leakage: logic by part, memories by (path, stage), DRAM by cause."""
+    """J per frame and W of leakage: logic by part, memories by (path, stage), DRAM by cause."""
 
     cycles: int
     pixels: int
@@ -76,7 +80,7 @@ class Estimate:
 
     @property
     def stages(self) -> dict[str, Logic]:
-        """Logic by stage; a stage's activity is that of its mean NAND2."""
+        """Logic by stage; a stage's activity is its mean per NAND2."""
         stages = by_stage((STAGE_OF[name], logic) for name, logic in self.logic.items())
         return {stage: sum_of(parts) for stage, parts in stages.items()}
 
@@ -91,33 +95,33 @@ class Estimate:
 
     @property
     def frame(self) -> float:
-        """J of a frame on the chip, without leakage."""
+        """J per frame on the chip, without leakage."""
         return sum(part.frame for part in self.logic.values()) + sum(
             memory.access for memory in self.memories.values()
         )
 
     @property
     def leakage(self) -> float:
-        """W of all of the chip."""
+        """W of the whole chip."""
         return sum(part.leakage for part in (*self.logic.values(), *self.memories.values()))
 
     @property
     def fps_max(self) -> float:
-        """Frames a second at full speed."""
+        """Frames per second at full speed."""
         return CLOCK_HZ / self.cycles
 
     def power(self, fps: float) -> float:
-        """W of the chip at so many frames a second. Between frames the clock stands still."""
+        """W of the chip at `fps` frames per second. The clock is stopped between frames."""
         return self.frame * fps + self.leakage
 
     def pixels_per_joule(self, fps: float, with_dram: bool) -> float:
-        """Pixels that a joule makes."""
+        """Pixels per joule at `fps` frames per second."""
         dram = sum(self.dram.values()) if with_dram else 0.0
         return self.pixels / (self.power(fps) / fps + dram)
 
 
 def by_stage(found: Iterable[tuple[str, Any]]) -> dict[str, list]:
-    """Items of each stage, in the order of `STAGES`."""
+    """Group items by stage, in the order of `STAGES`."""
     stages = {stage: [] for stage in STAGES}
     for stage, item in found:
         stages[stage].append(item)
@@ -125,7 +129,7 @@ def by_stage(found: Iterable[tuple[str, Any]]) -> dict[str, list]:
 
 
 def gates_of(sizes: Iterable[Size], energy: Energy) -> dict[str, Gates]:
-    """Parts as synthesis has found them, mapped for area."""
+    """Parts with energies of plain gates. sizes: from synthesis, mapped for area."""
     return {
         size.part.name: Gates(
             size.nand2, size.flip_flops, size.nand2 * energy.switching * FEMTO,
@@ -136,9 +140,9 @@ def gates_of(sizes: Iterable[Size], energy: Energy) -> dict[str, Gates]:
 
 
 def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimate:
-    """Energy and leakage of a frame. gates: by part, as many as `counts` has."""
+    """Estimate energy and leakage of a frame. gates: by part, the same parts as in `counts`."""
     if set(gates) != set(counts.parts):
-        raise ValueError(f"sizes and counts of other parts: {set(gates) ^ set(counts.parts)}")
+        raise ValueError(f"parts with only sizes or counts: {set(gates) ^ set(counts.parts)}")
     logic = {}
     for name, part in gates.items():
         found = counts.parts[name]
@@ -160,7 +164,7 @@ def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimat
 
 
 def sum_of(parts: list[Logic]) -> Logic:
-    """Parts together; their activity is that of the mean NAND2."""
+    """Sum of several parts; the activity is the mean per NAND2."""
     nand2, flip_flops, _, *energies = map(sum, zip(*map(astuple, parts), strict=True))
     activity = sum(part.activity * part.nand2 for part in parts) / nand2
     return Logic(nand2, flip_flops, activity, *energies)

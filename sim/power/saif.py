@@ -1,4 +1,4 @@
-"""Reading SAIF files (IEEE 1801-2018, annex I): changes of each net, and the time it is 0 and 1."""
+"""Reader of SAIF files (IEEE 1801-2018, annex I): changes of each net, and its time at 0 and 1."""
 
 import re
 from collections.abc import Iterator
@@ -13,8 +13,12 @@ DURATION = re.compile(r"\s*\(DURATION (\d+)\)")
 
 
 class Net(NamedTuple):
-    """A bit of a net. path: instances that it is in, from the outermost on; low, high: time that
-    it was 0 and 1; changes: times that it rose or fell."""
+    """One bit of a net.
+
+    path: instances around it, outermost first
+    low, high: time at 0 and at 1
+    changes: rising and falling edges
+    """
 
     path: tuple[str, ...]
     name: str
@@ -24,20 +28,20 @@ class Net(NamedTuple):
 
 
 def duration(path: Path) -> int:
-    """Time that a file counted, in its own unit. InputError if it does not say."""
+    """Time that a file covers, in its own unit. Raises InputError if the file has no duration."""
     with open(path) as file:
         found = next(filter(None, map(DURATION.match, file)), None)
     if found is None:
-        raise InputError(f"{path}: has no DURATION, so it is no SAIF file")
+        raise InputError(f"{path}: has no DURATION; not a SAIF file")
     return int(found[1])
 
 
 def nets(path: Path) -> Iterator[Net]:
-    """All bits of all nets, as Verilator writes them: each on a line of its own.
+    """Yield all bits of all nets, which Verilator writes on one line each.
 
-    InputError if the file ends within an instance.
+    Raises InputError if the file ends within an instance.
     """
-    open_instances: list[tuple[int, str]] = []  # depth of parentheses around it, and its name
+    open_instances: list[tuple[int, str]] = []  # depth of parentheses around each, and its name
     depth, names = 0, ()
     with open(path) as file:
         for line in file:

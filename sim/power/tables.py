@@ -1,4 +1,4 @@
-"""What is told of a power estimate: a table by stage beside the paper's, lines, a JSON object."""
+"""Output of a power estimate: table by stage with the paper's figures, text, JSON object."""
 
 from dataclasses import asdict
 
@@ -14,14 +14,14 @@ from splatcore.spec.energy import Energy
 MILLI, MEGA = 1e-3, 1e6
 
 HEADINGS = ("NAND2 k", "activity", "gates", "clock", "mW", "paper", "fJ", "paper")
-"""Columns of the table; fJ are those of a NAND2-equivalent and cycle."""
+"""Columns of the table; fJ are per NAND2-equivalent and cycle."""
 
-NOTHING = [""] * 4  # in place of all columns before mW
+NOTHING = [""] * 4  # empty cells of the columns before mW
 
 
 def table(found: Estimate, fps: float, title: str) -> Table:
-    """mW by stage, and of the memories of each."""
-    made = new_table("mW; fJ a NAND2 and cycle", HEADINGS, title)
+    """Table of mW by stage, for logic and memories."""
+    made = new_table("mW; fJ per NAND2 and cycle", HEADINGS, title)
     for stage, logic in found.stages.items():
         made.add_row(stage, *_logic(logic, found.cycles, fps, *LOGIC.get(stage, (0, 0))))
     for stage, memory in found.stage_memories.items():
@@ -34,7 +34,7 @@ def table(found: Estimate, fps: float, title: str) -> Table:
     every = sum_of(list(found.stages.values()))
     made.add_row("all logic", *_logic(every, found.cycles, fps, nand2, paper), style="bold")
     made.add_row("all", *NOTHING, _milli(found.power(fps)), _milli(POWER), style="bold")
-    made.add_row("DRAM, apart", *NOTHING, _milli(sum(found.dram.values()) * fps))
+    made.add_row("DRAM, not included", *NOTHING, _milli(sum(found.dram.values()) * fps))
     return made
 
 
@@ -43,7 +43,7 @@ def _milli(watts: float) -> str:
 
 
 def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) -> tuple[str, ...]:
-    """Cells of a stage, with NAND2-equivalents and W of the paper's."""
+    """Cells of a stage. nand2, paper: NAND2-equivalents and W of the paper's stage."""
     femto = logic.frame / (logic.nand2 * cycles) / FEMTO
     return (
         f"{logic.nand2 / 1000:,.1f}", f"{logic.activity:.2%}",
@@ -54,25 +54,25 @@ def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) ->
 
 
 def implied(nand2: float, watts: float) -> float:
-    """fJ of a NAND2-equivalent and cycle at 800 MHz that a power implies."""
+    """fJ per NAND2-equivalent and cycle at 800 MHz that a power in W implies."""
     return watts / (nand2 * CLOCK_HZ) / FEMTO
 
 
 def lines(found: Estimate, fps: float) -> list[str]:
-    """Lines below the table: energy of a frame, pixels a joule, what is left out."""
+    """Lines below the table: energy per frame, pixels per joule, limits of the estimate."""
     dram = sum(found.dram.values())
     with_dram, chip = (found.pixels_per_joule(fps, k) / MEGA for k in (True, False))
     return [
-        f"An ESTIMATE. A frame: {found.cycles:,} cycles, {found.power(fps) / fps / MILLI:.3f} mJ "
-        f"(of it leakage {found.leakage / fps / MILLI:.3f}), DRAM {dram / MILLI:.3f} mJ.",
+        f"An ESTIMATE. Per frame: {found.cycles:,} cycles, {found.power(fps) / fps / MILLI:.3f} mJ "
+        f"(leakage {found.leakage / fps / MILLI:.3f} of it), DRAM {dram / MILLI:.3f} mJ.",
         f"Mpixels/J: {chip:,.0f}, with DRAM {with_dram:,.0f}; the paper's "
         f"{PIXELS_PER_JOULE / MEGA:,.0f} without.",
-        "No clock gates, no hazards, nothing laid out; constants: spec/energy.py.",
+        "No clock gates, no hazards, no layout; constants: spec/energy.py.",
     ]
 
 
 def report(found: Estimate, counts: Counts, energy: Energy, fps: float) -> dict:
-    """The same and more for a JSON file, in J and W."""
+    """JSON object of an estimate, in J and W."""
     power = found.power(fps)
     return {
         "estimate": "first order, from the activity of nets in RTL",

@@ -1,4 +1,4 @@
-"""One page of all results, a file for a large section or for some that are alike.
+"""Report: one page of all results. A module has one large section or several similar ones.
 
 May import: spec, model, sim.accuracy, sim.bench, sim.common, sim.eda.
 """

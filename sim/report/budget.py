@@ -1,4 +1,4 @@
-"""The report's section of where the error of a picture comes from, part by part."""
+"""The report's section on the error budget of a picture, part by part."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,11 @@ from splatcore.sim.report.results import Facts, Results
 from splatcore.sim.report.scenes import count_of, name, names
 from splatcore.spec.error import InputError
 
-BAR, AROUND = 0.07, 1.6  # inches of a plot for each bar; for its axis and legend
+BAR, AROUND = 0.07, 1.6  # inches of a plot per bar; for its axis and legend
 
 
 def views(results: Results) -> list[Facts]:
-    """All views; InputError if there is none."""
+    """All views; raises InputError if there is none."""
     facts = results.facts("budget")
     if not (rows := results.of_scenes(facts["rows"])):
         raise InputError(f"{facts.file}: holds no row")
@@ -21,7 +21,7 @@ def views(results: Results) -> list[Facts]:
 
 
 def lines(rows: list[Facts], key: str, scale: float = 1) -> list[list]:
-    """A line for each part that any view has: what it belongs to, its name, a number a view."""
+    """One row per part that any view has: its group, its name, one number per view."""
     known = [{(each["of"], each["part"]): each[key] for each in row["parts"]} for row in rows]
     parts = sorted(dict.fromkeys(k for found in known for k in found), key=lambda k: order(*k))
     numbers = ([found.get(part) for found in known] for part in parts)
@@ -32,48 +32,49 @@ def lines(rows: list[Facts], key: str, scale: float = 1) -> list[list]:
 
 
 def order(of: str, part: str) -> tuple[int, int]:
-    """The place of a line: parts as they come, then their sum, then the whole."""
+    """Sort key of a row: parts in their order, then their sum, then the whole."""
     last = (SUM, TITLES[of])
     return WHOLES.index(of), last.index(part) + 1 if part in last else 0
 
 
 def parts(results: Results) -> Iterator[Item]:
-    """dB and largest errors of all parts."""
+    """PSNR and largest errors of all parts."""
     rows = views(results)
     decibels = lines(rows, "psnr_db")
     strong = frozenset(n for n, (of, part, *_) in enumerate(decibels) if part == TITLES[of])
-    head = [Column("of"), Column("part")]
+    head = [Column("group"), Column("part")]
     worst = min(rows, key=lambda row: row["psnr_db_scene"] or float("inf"))
     if worst["psnr_db_scene"] is not None:
         yield Card(
             "How exact", f"{worst['psnr_db_scene']:.1f} dB",
-            f"the golden model's picture against the scene as it is, all harmonics, the lowest of "
+            f"golden model against the scene as trained, all harmonics, the lowest of "
             f"{count_of(rows)} ({name(worst)}, packed as {worst['quality']})",
         )  # fmt: skip
     yield Table(
         "budget",
-        "PSNR in dB of pictures with one part alone as packing or the machine has it: parts of "
-        "packing by the reference, against its picture of the scene as it is; parts of the machine "
-        "against the reference on the packed model; everything against the scene. Not rounded to "
-        "8 bits but where that is the part. Sum: squared errors added. None: equal pictures, or a "
-        "part that the scene lacks.",
+        "PSNR per view of pictures in which only one part is inexact. Packing: the reference with "
+        "one part of the Gaussians packed, against the reference on the scene as trained. Machine: "
+        "one part of the machine inexact, against the reference on the same packed model. Scene: "
+        "everything, against the scene as trained. Only the part “8 bits” is rounded to 8 bits. "
+        "Sum: squared errors added. –: equal pictures, or a part that the scene does not have.",
         [*head, *(Column(text, "dB", 1) for text in names(rows))],
         decibels, ("budget",), strong,
     )  # fmt: skip
     yield Table(
         "budget-largest",
-        f"The same pictures' largest error of a channel, of {LEVELS}.",
+        f"Largest error per channel of the same pictures, in steps of 1/{LEVELS}.",
         [*head, *(Column(text, "", 1) for text in names(rows))],
         [line for line in lines(rows, "max_error", LEVELS) if line[1] != SUM], ("budget",),
     )  # fmt: skip
     yield Table(
         "budget-wholes",
-        "The same views as other tables have them, 8-bit pictures of both. Packing: the reference "
-        "on the packed model against the scene; machine: the golden model against the reference on "
-        "the packed model; scene: the golden model against the scene.",
+        "The same views measured as in the other tables, between 8-bit pictures. Packing: the "
+        "reference on the packed model against the reference on the scene as trained. Machine: the "
+        "golden model against the reference on the same packed model. Scene: the golden model "
+        "against the reference on the scene as trained.",
         [
             Column("scene"), Column("camera"), Column("packed as"),
-            Column("size", "bytes a Gaussian", 2),
+            Column("size", "bytes per Gaussian", 2),
             *(Column(f"PSNR, {of}", "dB", 2, none="exact") for of in WHOLES),
         ],
         [
@@ -91,7 +92,8 @@ def bars(results: Results) -> Iterator[Item]:
     count = sum(len(row["parts"]) for row in rows)
     yield plotted(
         "budget-bars",
-        "RMS error of pictures with one part alone, and of all together.",
+        "RMS error of pictures in which only one part is inexact, and of all parts together (x "
+        "axis, steps of 1/255, logarithmic); one bar per view, in the colours of the legend.",
         f"Bars of parts for {count_of(rows)}, logarithmic.",
         AROUND + BAR * count, lambda figure: draw_budget(figure, rows), "budget",
     )  # fmt: skip

@@ -1,5 +1,5 @@
-"""The report's sections of the ablation, frames a second with each saving added, and of a frame's
-work: culling, early termination, density of tiles."""
+"""The report's sections on the ablation (frames per second as savings are added) and on the work
+per frame: culling, early termination, density of tiles."""
 
 import math
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ View = tuple[str, str]  # scene and camera
 
 
 def by_view(results: Results) -> tuple[Facts, dict[View, dict[str, Facts]]]:
-    """The ablation, and for each view its rows by step."""
+    """The ablation, and its rows by view and step."""
     facts, rows = results.rows("ablation")
     found: dict[View, dict[str, Facts]] = {}
     for row in rows:
@@ -31,9 +31,9 @@ def by_view(results: Results) -> tuple[Facts, dict[View, dict[str, Facts]]]:
 
 
 def gains(values: list[float | None]) -> list[float | None]:
-    """The gain of each step over the one before it; None where one of both is missing.
+    """The gain of each step over the step before; None if either value is missing.
 
-    The paper has no value for a step that is ours only: there the last one before it counts.
+    The paper has no value for steps of our own: these are skipped in its row.
     """
     found, before = [], None
     for value in values:
@@ -43,24 +43,24 @@ def gains(values: list[float | None]) -> list[float | None]:
 
 
 def speeds(results: Results) -> Iterator[Item]:
-    """Frames a second and gains by step."""
+    """Frames per second and gains by step."""
     facts, found = by_view(results)
     steps = [step["name"] for step in facts["steps"]]
     rows = [[PAPER, "", *(step["paper_fps"] for step in facts["steps"])]]
     rows += [[*view, *(_fps(row.get(step)) for step in steps)] for view, row in found.items()]
     yield Table(
         "ablation",
-        f"Frames a second at 800 MHz with one saving after the other, {facts['size']}, by the "
-        "cycle model. The guard band (Gaussians beside the image are dropped before they are "
-        "projected) is ours.",
+        f"Frames per second at 800 MHz as savings are switched on from left to right, "
+        f"{facts['size']}, by the cycle model. The guard band (Gaussians outside the image are "
+        "dropped before projection) is a step of our own.",
         [*VIEW, *(Column(step, "FPS", 1) for step in steps)],
         rows, ("ablation",), frozenset({0}),
     )  # fmt: skip
     factors = [[*row[:2], *gains(row[2:])[1:], *gains([row[2], row[-1]])[1:]] for row in rows]
     yield Table(
         "ablation-gains",
-        "What each step gains over the one before it. A step can only gain where the half of the "
-        "frame that it shortens is the longer one.",
+        "Gain in frames per second of each step over the step before. A step gains only if it "
+        "shortens the slower half of the frame.",
         [*VIEW, *(Column(step, "×", 2) for step in steps[1:]), Column("all together", "×", 2)],
         factors, ("ablation",), frozenset({0}),
     )  # fmt: skip
@@ -69,8 +69,8 @@ def speeds(results: Results) -> Iterator[Item]:
         mean = math.exp(sum(map(math.log, whole)) / len(whole))
         paper = f"; the paper: {factors[0][-1]:.1f} ×" if factors[0][-1] else ""
         yield Card(
-            "What each idea buys", f"{mean:.1f} ×",
-            f"frames a second by all savings together, geometric mean of {count_of(whole)}{paper}",
+            "Gain of each idea", f"{mean:.1f} ×",
+            f"frames per second with all savings, geometric mean of {count_of(whole)}{paper}",
         )  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def _fps(row: Facts | None) -> float | None:
 
 
 def bars(results: Results) -> Iterator[Item]:
-    """Grouped bars, the paper's first."""
+    """Grouped bars of frames per second, the paper's first."""
     facts, found = by_view(results)
     labels = [PAPER, *names([next(iter(by_step.values())) for by_step in found.values()])]
     lengths = {
@@ -96,19 +96,20 @@ def bars(results: Results) -> Iterator[Item]:
         axes.set_ylim(len(labels) - 0.4, -0.6)
         axes.set_xscale("log")
         plain_ticks(axes.xaxis, (1, 2, 5))
-        axes.set_xlabel("frames a second at 800 MHz, logarithmic")
+        axes.set_xlabel("frames per second at 800 MHz, logarithmic")
         legend_below(figure, axes, 3)
 
     yield plotted(
         "ablation-bars",
-        "Frames a second step by step, the paper's first.",
+        "Frames per second (x axis, logarithmic) by view, the paper's own first; one bar per step, "
+        "in the colours of the legend, each with all savings of the bars above it.",
         f"Grouped bars of {len(labels)} views, one for each of {len(lengths)} steps.",
         1.2 + 0.42 * len(labels), draw, "ablation",
     )  # fmt: skip
 
 
 def simulated(results: Results) -> Iterator[Item]:
-    """Rows that were simulated in RTL."""
+    """Steps that were simulated in RTL."""
     facts, found = by_view(results)
     rows = [
         [*view, step, *against_rtl(row["cycles"]["frame"], row["rtl_cycles"], row["rtl_identical"])]
@@ -119,8 +120,8 @@ def simulated(results: Results) -> Iterator[Item]:
     if rows:
         yield Table(
             "ablation-rtl",
-            f"Steps that were built and simulated in RTL, {facts['size']}; identical: whether the "
-            "picture is the golden model's, every bit of it.",
+            f"Steps simulated in RTL, {facts['size']}: cycles per frame by the cycle model and in "
+            "RTL. Identical: every bit of the picture equals the golden model's.",
             [*VIEW, Column("step"), *AGAINST_RTL], rows, ("ablation",),
         )  # fmt: skip
 
@@ -130,7 +131,7 @@ ABLATION = (bars, speeds, simulated)
 
 MAPS_IN_A_ROW = 3
 
-MAP_HEIGHT = 1.62  # inches of a row of maps with their titles
+MAP_HEIGHT = 1.62  # inches per row of maps, with titles
 
 
 COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "tile_pairs": MILLION}
@@ -139,7 +140,7 @@ COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "til
 RATES = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
 
 RATES_PAPER = (paper.CULLED, None, paper.TERMINATED, paper.PES_BUSY)
-"""Its rates of compressed models, in that order."""
+"""The paper's rates for compressed models, in the order of `RATES`."""
 
 RATES_UNCOMPRESSED = (paper.CULLED_UNCOMPRESSED, None, paper.TERMINATED_UNCOMPRESSED, None)
 
@@ -159,11 +160,11 @@ def rates(results: Results) -> Iterator[Item]:
     rows.append(["mean of ours", count_of(found), *nothing, *means])
     yield Table(
         "work",
-        f"Work of a frame, {facts['size']}. Behind: Gaussians whose centre is not beyond the near "
-        "plane, which is what the paper's culling is about. Not projected: also those beside the "
-        "image (guard band). Pairs: of splats and tiles. Ended early: those of them that are not "
-        "blended any more, because all pixels of the tile have ended. PEs busy: of stage 1, in all "
-        "cycles of the frame. The paper's rates are averages over its own scenes and views.",
+        f"Work per frame, {facts['size']}. Behind: Gaussians with their centre not in front of the "
+        "near plane (the paper's culling). Not projected: also Gaussians outside the image (guard "
+        "band). Pairs: of a splat and a tile. Ended early: pairs that are not blended because all "
+        "pixels of the tile have terminated. PEs busy: share of all cycles of the frame in which a "
+        "PE of stage 1 works. The paper's rates are averages over its own scenes and views.",
         [
             *VIEW, Column("Gaussians", "k", 0, none=""),
             Column("projected", "k", 0, none=""), Column("splats", "k", 0, none=""),
@@ -176,7 +177,7 @@ def rates(results: Results) -> Iterator[Item]:
 
 
 def densest(facts: Facts, rows: list[Facts]) -> dict[str, np.ndarray]:
-    """Tiles of each scene's densest view, by the view's name; kept results have no others."""
+    """Splats per tile of each scene's densest view, by view; kept results have only these."""
     found: dict[str, tuple[str, np.ndarray]] = {}
     for row in rows:
         name = f"{row['scene']} {row['camera']}"
@@ -184,16 +185,16 @@ def densest(facts: Facts, rows: list[Facts]) -> dict[str, np.ndarray]:
             continue
         tiles = np.array(facts["density"][name])
         if tiles.ndim != 2 or not tiles.size:
-            raise InputError(f"{facts.file}: density.{name}: is no table of tiles")
+            raise InputError(f"{facts.file}: density.{name}: not a table of tiles")
         if row["scene"] not in found or tiles.mean() > found[row["scene"]][1].mean():
             found[row["scene"]] = name, tiles
     if not found:
-        raise InputError(f"{facts.file}: density: has nothing about these scenes")
+        raise InputError(f"{facts.file}: density: has no data for these scenes")
     return dict(found.values())
 
 
 def density(results: Results) -> Iterator[Item]:
-    """Maps of how many splats reach each tile, each scene's densest view, all on one scale."""
+    """Maps of splats per tile, for each scene's densest view, on one common scale."""
     facts, found = results.rows("work")
     maps = densest(facts, found)
     rows = math.ceil(len(maps) / MAPS_IN_A_ROW)
@@ -212,14 +213,14 @@ def density(results: Results) -> Iterator[Item]:
         bar = figure.colorbar(
             shown, ax=list(grid), orientation="horizontal", shrink=0.6, aspect=45, pad=0.02
         )
-        bar.set_label(f"splats in a tile of {TILE}×{TILE} pixels")
+        bar.set_label(f"splats per tile of {TILE}×{TILE} pixels, logarithmic")
         bar.ax.xaxis.set_major_formatter("{x:,g}")
 
     yield plotted(
         "density",
-        f"Length of each tile's list, {facts['size']}, the densest view of each "
-        f"scene, on one logarithmic scale up to {most:,}; tiles without a splat are white. "
-        f"The paper's map of bicycle has about {paper.LIST:,} in most tiles and up to "
+        f"Splats per tile (the length of the tile's list), {facts['size']}, in the densest view of "
+        f"each scene. Colours: one logarithmic scale up to {most:,}; tiles without splats are "
+        f"white. The paper's map of bicycle has about {paper.LIST:,} in most tiles and up to "
         f"{paper.LIST_MAX:,}.",
         f"Heat maps of {len(maps)} views.",
         0.9 + MAP_HEIGHT * rows, draw, "work",

@@ -1,4 +1,4 @@
-"""The report's section of compression: size and loss after each step, ratio against loss, power."""
+"""The report's section on compression: size and loss after each step, ratio against loss, power."""
 
 from collections.abc import Iterator
 
@@ -10,13 +10,13 @@ from splatcore.spec.error import InputError
 SIZES = (
     Column("Gaussians", "", 0), Column("degree", "", 0), Column("size", "MB", 3),
     Column("ratio", "×", 1), Column("PSNR", "dB", 2), Column("PSNR, lowest", "dB", 2),
-    Column("SSIM", "", 4), Column("PSNR beside the path", "dB", 2),
-    Column("frames a second", "", 0), Column("bytes a Gaussian of the scene", "", 2),
+    Column("SSIM", "", 4), Column("PSNR off the path", "dB", 2),
+    Column("frames per second", "", 0), Column("bytes per Gaussian of the original", "", 2),
 )  # fmt: skip
 
 
 def sizes(row: Facts) -> list:
-    """Cells of `SIZES`; a point that was not reached has none."""
+    """Cells of `SIZES`; empty for a ratio that was not reached."""
     size = row.get("bytes")
     keys = ("gaussians", "sh_degree", "ratio", "psnr_db", "psnr_db_min", "ssim", BESIDE)
     gaussians, degree, *rest = (row.get(key) for key in keys)
@@ -25,15 +25,15 @@ def sizes(row: Facts) -> list:
 
 
 POWER = (
-    Column("model", "MB", 3), Column("cycles", "k", 0), Column("frames a second at most", "", 0),
-    Column("traffic of a frame", "MB", 2), Column("at frames a second", "", 0),
-    Column("power", "mW", 0), Column("of it leakage", "mW", 0), Column("in cells", "mW", 0),
+    Column("model", "MB", 3), Column("cycles", "k", 0), Column("max frames per second", "", 0),
+    Column("traffic per frame", "MB", 2), Column("at frames per second", "", 0),
+    Column("power", "mW", 0), Column("leakage", "mW", 0), Column("power in cells", "mW", 0),
     Column("DRAM", "mW", 0),
 )  # fmt: skip
 
 
 def power_cells(row: Facts) -> list:
-    """A step and the cells of `POWER`."""
+    """A step's name and the cells of `POWER`."""
     keys = ("power_w", "leakage_w", "cells_w", "dram_w")
     milliwatts = [in_units(row, key, MILLI) for key in keys]
     return [
@@ -70,31 +70,31 @@ def compressed(results: Results) -> Iterator[Item]:
     if steps:
         best = max((row for row in steps if row[5]), key=lambda row: row[5])
         yield Card(
-            "What each idea buys", f"{best[5]:.0f} ×",
+            "Gain of each idea", f"{best[5]:.0f} ×",
             f"smaller than the scene as float32 PLY after {best[1]} ({best[0]})",
         )  # fmt: skip
         yield Table(
             "compression-steps",
-            "After each step of compression: what is left, and PSNR and SSIM of the reference's "
-            "8-bit pictures of views that were not learned from, against photographs or, without "
-            "any, against the original scene's.",
+            "Size and quality after each step of compression. PSNR and SSIM: the reference's 8-bit "
+            "pictures in held-out views, mean, against photographs or, for scene files, against "
+            "the original scene. Off the path: views moved away from the camera path.",
             [Column("scene"), Column("after"), *SIZES, Column("took", "s", 0)],
             steps, ("compression",),
         )  # fmt: skip
     if points:
         yield Table(
             "compression-curve",
-            "Ratio against loss, the same metrics; asked for: none is packing alone; frames a "
-            "second at 800 MHz by the cycle model.",
-            [Column("scene"), Column("asked for", "×", 1, none="packing"), *SIZES],
+            "Compression ratio against loss, with the same metrics. Target “packing”: packing "
+            "alone. Frames per second: at 800 MHz by the cycle model.",
+            [Column("scene"), Column("target", "×", 1, none="packing"), *SIZES],
             points, ("compression",),
         )  # fmt: skip
     if powers:
         yield Table(
             "compression-power",
-            "What the machine takes after each step, an ESTIMATE, of frames simulated in RTL, at "
-            "so many frames a second (the paper's, or as many as the machine renders), DRAM apart; "
-            "in cells: of a library scaled to 28 nm.",
+            "ESTIMATE of the machine's power after each step, from frames simulated in RTL, at the "
+            "paper's frames per second or the machine's maximum if that is lower. DRAM is not "
+            "included in the power. Power in cells: with cells of a library, scaled to 28 nm.",
             [Column("scene"), Column("after"), *POWER],
             powers, ("compression",),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Measured results written as the tables that the repository keeps, and pictures of its pages."""
+"""Writers of the repository's kept results (docs/results) and of the plots in its documents."""
 
 import io
 import shlex
@@ -18,24 +18,27 @@ from splatcore.sim.report.quality import ACROSS, HEIGHT, lines
 from splatcore.sim.report.results import SOURCES, Results, measured_with
 from splatcore.spec.config import DEFAULT
 
-PLACE = "out/report/results"  # where the Makefile has results, unless it is told otherwise
+PLACE = "out/report/results"  # the Makefile's default folder of results
 
-PICTURE_BYTES = 290_000  # of a picture, at most
+PICTURE_BYTES = 290_000  # maximum size of a picture
 
 DOTS_PER_INCH = 100
 
 
 def write_kept(results: Results, folder: Path) -> list[Path]:
-    """Write the tables and pictures of all results that are in their folder; others stay."""
+    """Write tables and pictures of all measured results to `folder`; return their paths.
+
+    Tables of results that were not measured are not changed.
+    """
     files: dict[Path, bytes] = {}
-    for name, what in TABLES.items():
+    for name, kept in TABLES.items():
         if not (results.folder / SOURCES[name][0]).exists():
             continue
         facts = _facts(results, name)
         found = tables(name, facts, command(name, facts), folder)
         files |= {path: text.encode() for path, text in found.items()}
-        for picture in what.pictures:
-            with Image.open(results.beside(name) / picture) as image:
+        for picture in kept.pictures:
+            with Image.open(results.folder_of(name) / picture) as image:
                 files[folder / picture] = shrunk(image.convert("RGB"), PICTURE_BYTES)
     for path, data in files.items():
         write(path, data)
@@ -43,12 +46,12 @@ def write_kept(results: Results, folder: Path) -> list[Path]:
 
 
 def _facts(results: Results, name: str) -> dict:
-    """A result's object, as it is kept."""
+    """A result's object in the form in which it is kept."""
     if name == "scenes":
         rows = [row for row in results.several(name, "*.json") if "cycles" in row]
         return {"rows": rows, "version": results.version(name)}
     facts = results.facts(name)
-    if name == "power":  # names no folder, as the others
+    if name == "power":  # file names without folders, like the others
         facts |= {key: Path(facts[key]).name for key in ("scene", "camera")}
     if name == "work":
         dense = densest(facts, facts["rows"])
@@ -57,7 +60,7 @@ def _facts(results: Results, name: str) -> dict:
 
 
 def command(name: str, facts: dict) -> str:
-    """The command that makes a result again; scene files are looked for in SPLATCORE_SCENES."""
+    """The command that reproduces a result; scene files are searched for in SPLATCORE_SCENES."""
     file, takes = SOURCES[name]
     rows = facts.get("rows", ())
     scenes = [facts.get("scene"), *(row.get("scene") for row in rows), *facts.get("scenes", ())]
@@ -75,7 +78,7 @@ def command(name: str, facts: dict) -> str:
 
 
 def write_pictures(results: Results, folder: Path) -> list[Path]:
-    """The plots of the README and of docs/, as PNG."""
+    """Write the plots of the README and of docs/ as PNG; return their paths."""
     _, rows = results.rows("quality")
     paths = []
     for key, across in ACROSS.items():

@@ -1,8 +1,8 @@
-"""Results kept in the repository: CSV tables in docs/results, of which the report makes its page.
+"""Results kept in the repository: CSV tables in docs/results, which the report can read.
 
-A result is one JSON object. What the report reads of it becomes a table for each of its lists, and
-lines of "# key: value" above each table for the rest. The first of them are the command and the
-version that made it. A cell is empty where a row lacks the key, and `null` where JSON has that.
+A result is one JSON object. Each of its lists that the report reads becomes a table; its other
+values become lines "# key: value" above each table, first the command and the version that
+produced it. A cell is empty if the row lacks the key, and `null` if JSON has null.
 """
 
 import csv
@@ -17,18 +17,22 @@ from splatcore.sim.report.kept_columns import TABLES, TEXTS, Sheet
 from splatcore.spec.error import InputError
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "results"
-"""In a checkout, and as package splatcore.docs.results in an installed wheel."""
+"""Folder in a checkout, and of package splatcore.docs.results in an installed wheel."""
 
 ORIGIN = ("command", "version")
-"""Lines that every table begins with."""
+"""Keys of the first lines of every table."""
 
-SELF = "."  # a column of the items themselves, lists of numbers
+SELF = "."  # key of a column that holds the item itself, a list of numbers
 
 
 @dataclass(frozen=True)
 class Step:
-    """A part of a sheet's place: a dotted key, then `[` for a list or `{` for an object; column: of
-    the list's index or the object's key, empty for none."""
+    """One level of a sheet's place.
+
+    key: dotted
+    bracket: `[` for a list, `{` for an object
+    column: for the list's index or the object's key; empty: no column
+    """
 
     key: str
     bracket: str
@@ -36,19 +40,19 @@ class Step:
 
 
 def steps(place: str) -> list[Step]:
-    """The parts of `rows[row].parts[]` and the like."""
+    """Parse a place such as `rows[row].parts[]`."""
     found = re.findall(r"([a-z_.]+)?([\[{])([a-z]*)[\]}]", place)
     return [Step(key.strip("."), bracket, column) for key, bracket, column in found]
 
 
 def columns(sheet: Sheet) -> list[str]:
-    """The heading of a sheet."""
+    """Headings of a sheet's columns."""
     own = [step.column for step in steps(sheet.place) if step.column]
     return own + ["splats" if key == SELF else key for key in sheet.columns.split()]
 
 
 def look(value: object, path: str) -> tuple[bool, object]:
-    """Whether there is something at a dotted path, and what."""
+    """Look up a dotted path: (whether it exists, its value)."""
     for key in filter(None, path.split(".")):
         if not isinstance(value, dict) or key not in value:
             return False, None
@@ -57,7 +61,7 @@ def look(value: object, path: str) -> tuple[bool, object]:
 
 
 def items(value: object, path: list[Step]) -> Iterator[tuple[list, object]]:
-    """Rows of an object: the cells of the place's own columns, and the item."""
+    """Yield the items at a place, each with the cells of the place's own columns."""
     if not path:
         yield [], value
         return
@@ -70,14 +74,14 @@ def items(value: object, path: list[Step]) -> Iterator[tuple[list, object]]:
 
 
 def put(value: dict, keys: list, item: object):
-    """Put an item at a path of keys, those of lists being their indices."""
+    """Put an item at a path of keys; a list is represented as an object of indices."""
     for key in keys[:-1]:
         value = value.setdefault(key, {})
     value[keys[-1]] = item
 
 
 def listed(value: object) -> object:
-    """What `put` has made, with lists for objects of indices."""
+    """Convert objects of indices, as made by `put`, into lists."""
     if not isinstance(value, dict):
         return value
     found = {key: listed(item) for key, item in value.items()}
@@ -85,7 +89,7 @@ def listed(value: object) -> object:
 
 
 def encoded(key: str, there: bool, value: object) -> str:
-    """A cell."""
+    """Encode a value as a cell; empty if it does not exist."""
     if not there:
         return ""
     if key == SELF:
@@ -96,22 +100,22 @@ def encoded(key: str, there: bool, value: object) -> str:
 
 
 def decoded(key: str, cell: str) -> object:
-    """A cell's value; ValueError if it is none. Text in brackets is JSON, as a size may be."""
+    """Decode a cell; ValueError if it is invalid. Text in brackets is JSON (for a size)."""
     if key == SELF:
         return [int(word) for word in cell.split()]
     if key.split(".")[-1] in TEXTS and cell != "null" and not cell.startswith("["):
         return cell
-    return json.loads(cell, parse_constant=float)  # NaN fails where the report reads its own
+    return json.loads(cell, parse_constant=float)  # the report rejects NaN in JSON files only
 
 
 def files(name: str, folder: Path) -> dict[Path, Sheet]:
-    """A result's tables by their files."""
+    """A result's sheets by file."""
     sheets = TABLES[name].sheets
     return {folder / f"{name}{'-' * bool(end)}{end}.csv": sheet for end, sheet in sheets.items()}
 
 
 def tables(name: str, facts: dict, command: str, folder: Path) -> dict[Path, str]:
-    """The text of each file of a result."""
+    """CSV text of each file of a result."""
     origin = {"command": command, "version": facts.get("version", "not said")}
     keys = TABLES[name].lines.split()
     found = {key: look(facts, key) for key in keys}
@@ -131,7 +135,10 @@ def tables(name: str, facts: dict, command: str, folder: Path) -> dict[Path, str
 
 
 def read_kept(name: str, folder: Path) -> dict:
-    """A result's object, with `command` and `version`; InputError names file and column or line."""
+    """Read a result's object, with `command` and `version`.
+
+    Raises InputError that names the file and the column or line.
+    """
     value: dict = {}
     for path, sheet in files(name, folder).items():
         try:
@@ -149,7 +156,7 @@ def read_kept(name: str, folder: Path) -> dict:
 
 
 def _rows(path: Path, sheet: Sheet, lines: list[str], above: int, value: dict):
-    """Put a table's rows into the object."""
+    """Put the rows of a table into the object `value`. above: number of lines above the table."""
     heading, *rows = csv.reader(lines) if lines else [[]]
     wanted, place = columns(sheet), steps(sheet.place)
     for column in wanted:
@@ -157,7 +164,7 @@ def _rows(path: Path, sheet: Sheet, lines: list[str], above: int, value: dict):
             raise InputError(f"{path}: column '{column}' is missing")
     for column in heading:
         if column not in wanted or heading.count(column) > 1:
-            raise InputError(f"{path}: column '{column}' is unknown or there twice")
+            raise InputError(f"{path}: column '{column}' is unknown or occurs twice")
     put(value, place[0].key.split("."), look(value, place[0].key)[1] or {})
     for number, row in enumerate(rows):
         where = f"line {above + 2 + number}"
@@ -182,4 +189,4 @@ def _value(path: Path, where: str, key: str, cell: str) -> object:
     try:
         return decoded(key, cell)
     except ValueError:
-        raise InputError(f"{path}: {where}: '{cell}' is no value") from None
+        raise InputError(f"{path}: {where}: '{cell}' is not a value") from None

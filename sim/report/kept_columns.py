@@ -1,4 +1,4 @@
-"""What is kept of each result, by the keys that docs/json.md has for them."""
+"""Keys of each result that are kept in docs/results; docs/json.md explains them."""
 
 from typing import NamedTuple
 
@@ -6,16 +6,23 @@ from splatcore.spec.stages import NAMES
 
 
 class Sheet(NamedTuple):
-    """A table. place: of its rows in the result's object, see `kept.steps`; columns: dotted keys of
-    a row, after the columns that the place itself has."""
+    """A table.
+
+    place: path of its rows in the result's object, see `kept.steps`
+    columns: dotted keys of a row; the place's own columns come first
+    """
 
     place: str
     columns: str
 
 
 class Kept(NamedTuple):
-    """What is kept of a result. lines: dotted keys outside of the tables; sheets: by the end of the
-    file's name, NAME.csv or NAME-END.csv; pictures: files beside it."""
+    """The kept part of a result.
+
+    lines: dotted keys of values outside the tables
+    sheets: tables by END of the file name NAME-END.csv; empty for NAME.csv
+    pictures: files in the result's folder
+    """
 
     lines: str
     sheets: dict[str, Sheet]
@@ -40,7 +47,7 @@ TRAFFIC = (
     "write_groups read_groups read_long_lists write_buckets write_pixels"
 )
 
-BESIDE = "psnr_db_beside_mean"  # of views beside the path
+BESIDE = "psnr_db_beside_mean"  # in views off the path
 
 MODEL = "gaussians sh_degree bytes ratio psnr_db psnr_db_min ssim max_error"
 
@@ -148,4 +155,4 @@ TEXTS = {
     "value", "point", "step", "stage", "engine", "about", "bound", "device", "begin", "end", "kind",
     "note",
 }  # fmt: skip
-"""Keys of texts, at the end of a dotted one; all others are of numbers, yes or no, or JSON."""
+"""Keys of text values (last part of a dotted key); all other values are JSON."""

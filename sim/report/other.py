@@ -1,4 +1,4 @@
-"""The report's sections of hard cases, of power, of FPGA and of machines made to measure."""
+"""The report's sections on hard cases, power, FPGA and custom machines."""
 
 import base64
 import io
@@ -29,11 +29,11 @@ HARD_SOURCES = ("hard", "hard-rtl", "hard-paper")
 FPGA_SOURCES = ("fpga-whole", "fpga-tiny", "fpga")
 
 SHEET_BYTES, SHRINK = 1_000_000, 0.85
-"""A picture within the page is no larger; its sides shrink by this until it is small enough."""
+"""Maximum bytes of a picture within the page, and the factor by which its sides shrink to fit."""
 
 
 def cases(results: Results) -> Iterator[Item]:
-    """A line for each case, and for each machine PSNR and whether the bound is met."""
+    """Table of hard cases: PSNR, largest error and bound for each machine."""
     found = {
         f"{facts['preset']}, {facts['engine']}": facts
         for facts in results.each(HARD_SOURCES)
@@ -41,7 +41,7 @@ def cases(results: Results) -> Iterator[Item]:
     }
     if not found:
         return
-    columns = [Column("case"), Column("what is hard", wide=True)]
+    columns = [Column("case"), Column("difficulty", wide=True)]
     for machine, facts in found.items():
         bounds = dict.fromkeys(case["bound"] for case in facts["cases"].values())
         columns += [
@@ -51,11 +51,11 @@ def cases(results: Results) -> Iterator[Item]:
         ]  # fmt: skip
     yield Table(
         "hard",
-        "The hard cases, PSNR (machine) of the 8-bit picture against the float64 reference on the "
-        "same packed model; none: equal pictures, or a case that the machine does not take. The "
-        "bound is on the same under the machine's own rule for what is too faint to be seen. In "
-        "RTL the picture must also be the golden model's, every bit of it. Largest errors are "
-        "those of the 8-bit pictures.",
+        "Hard cases. PSNR (machine): 8-bit picture against the float64 reference on the same "
+        "packed model; –: equal pictures, or a case that the machine does not support. The bound "
+        "is on the PSNR against the reference with the machine's own rule for skipping faint "
+        "splats. In RTL every bit of the picture must also equal the golden model's. Largest error "
+        "per channel: between 8-bit pictures.",
         columns, list(hard_rows(found)), HARD_SOURCES,
     )  # fmt: skip
     for machine, facts in found.items():
@@ -68,7 +68,7 @@ def cases(results: Results) -> Iterator[Item]:
 
 
 def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
-    """Cells of all cases that any of the machines was given."""
+    """Cells of all cases that were run on any of the machines."""
     names = dict.fromkeys(name for facts in found.values() for name in facts["cases"])
     for name in names:
         all = [facts["cases"].get(name) for facts in found.values()]
@@ -81,18 +81,20 @@ def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
 
 
 def sheet(results: Results) -> Iterator[Item]:
-    """All cases' pictures with their errors."""
-    path = results.beside("hard") / SHEET
+    """Contact sheet of all cases with error maps."""
+    path = results.folder_of("hard") / SHEET
     try:
         with Image.open(path) as image:
             data = shrunk(image.convert("RGB"))
     except FileNotFoundError:
-        raise InputError(f"{path}: is not there") from None
+        raise InputError(f"{path}: does not exist") from None
     except (UnidentifiedImageError, OSError) as error:
-        raise InputError(f"{path}: is no picture ({error})") from None
+        raise InputError(f"{path}: not a picture ({error})") from None
     yield Figure(
         "hard-cases",
-        "Each case as the golden model renders it, with the map of its errors on the right.",
+        "Each case as rendered by the golden model (left), with its error map (right): error per "
+        "pixel against the float64 reference on the same packed model; dark is equal, the colour "
+        "bar below has the scale.",
         "Contact sheet of the hard cases.",
         uri="data:image/png;base64," + base64.b64encode(data).decode(),
         sources=("hard",),
@@ -100,7 +102,7 @@ def sheet(results: Results) -> Iterator[Item]:
 
 
 def shrunk(image: Image.Image, most: int = SHEET_BYTES) -> bytes:
-    """A picture as PNG of so many bytes at most, made smaller as long as it has more."""
+    """Encode a picture as PNG of at most `most` bytes, shrinking it as needed."""
     while True:
         buffer = io.BytesIO()
         image.save(buffer, "PNG", optimize=True)
@@ -110,7 +112,7 @@ def shrunk(image: Image.Image, most: int = SHEET_BYTES) -> bytes:
 
 
 def power(results: Results) -> Iterator[Item]:
-    """mW by stage and of memories, as `splatcore power` has estimated them."""
+    """mW by stage and of memories, from the estimate of `splatcore power`."""
     facts = results.facts("power")
     fps, paper = facts["fps"], facts["paper"]
     rows = []
@@ -125,18 +127,20 @@ def power(results: Results) -> Iterator[Item]:
         name, _ = MEMORY_POWER.get(stage, (None, None))
         text = f"memories of {stage}" + (f"; the paper's: {name}" if name else "")
         rows.append([text, None, None, watts / MILLI, in_units(paper["memory_w"], name, MILLI)])
-    rows.append(["all, estimate", None, None, facts["power_w"] / MILLI, paper["power_w"] / MILLI])
+    rows.append(
+        ["whole chip, estimate", None, None, facts["power_w"] / MILLI, paper["power_w"] / MILLI]
+    )
     strong = {len(rows) - 1}
-    rows.append(["DRAM, estimate, apart", None, None, facts["dram_w"] / MILLI, None])
+    rows.append(["DRAM, estimate, not included", None, None, facts["dram_w"] / MILLI, None])
     size = "×".join(map(str, facts["size"]))
-    what = f"{facts['scene']} at {size}, {fps:.1f} frames a second, preset {facts['preset']}"
+    setting = f"{facts['scene']} at {size}, {fps:.1f} frames per second, preset {facts['preset']}"
     yield Table(
         "power",
-        f"Estimated power of {what}; the paper's is of its own scenes at {FPS} frames a "
-        f"second, by gate-level simulation. Ours: {facts['power_w'] / fps / MILLI:.3f} mJ a frame, "
+        f"Estimated power of {setting}. The paper's figures: its own scenes at {FPS} frames per "
+        f"second, gate-level simulation. Ours: {facts['power_w'] / fps / MILLI:.3f} mJ per frame, "
         f"{facts['pixels_per_j'] / MILLION:,.0f} Mpixels/J (an estimate) without DRAM.",
         [
-            Column("of"), Column("gates", "k NAND2", 1, none=""),
+            Column("part"), Column("gates", "k NAND2", 1, none=""),
             Column("activity", "%", 2, none=""),
             Column("estimate", "mW", 2), Column("the paper", "mW", 2),
         ],
@@ -145,12 +149,12 @@ def power(results: Results) -> Iterator[Item]:
     yield Card(
         "How large",
         f"≈ {facts['power_w'] / MILLI:,.0f} mW",
-        f"an estimate, first order: {what}; the paper: {paper['power_w'] / MILLI:.0f} mW at {FPS}",
+        f"first-order estimate: {setting}; the paper: {paper['power_w'] / MILLI:.0f} mW at {FPS}",
     )
 
 
 def placed(results: Results) -> Iterator[Item]:
-    """A whole machine on a device, and parts of two others."""
+    """A whole machine on an FPGA, and parts of two others."""
     rows = []
     for facts in results.each(FPGA_SOURCES):
         for name, why in facts["failed"].items():
@@ -163,9 +167,9 @@ def placed(results: Results) -> Iterator[Item]:
         return
     yield Table(
         "fpga",
-        "Placed and routed on a Lattice ECP5 by yosys and nextpnr, with the ends of the path that "
-        "limits Fmax: a whole machine, from several seeds, and parts of machines, each on its own. "
-        "What the registers around them take is subtracted.",
+        "Placed and routed on a Lattice ECP5 by yosys and nextpnr: a whole machine with several "
+        "seeds, and parts of machines, each alone. From, to: ends of the path that limits Fmax. "
+        "The registers around single parts are subtracted.",
         [
             Column("machine"), Column("device"), Column("part"), Column("LUTs", "", 0),
             Column("flip-flops", "", 0), Column("multipliers", "MULT18X18D", 0),
@@ -177,7 +181,7 @@ def placed(results: Results) -> Iterator[Item]:
 
 
 def parts(facts: Facts) -> list[list]:
-    """Cells of a machine's parts, or of the whole of it from each seed."""
+    """Cells of a machine's parts, or of the whole machine for each seed."""
     seeds = {f"whole, seed {n}": part for n, part in enumerate(facts.get("seeds", ()), 1)}
     return [
         [
@@ -190,12 +194,12 @@ def parts(facts: Facts) -> list[list]:
 
 
 def fitted(results: Results) -> Iterator[Item]:
-    """Machines that `splatcore fit` has found; there need be none."""
+    """Machines found by `splatcore fit`, if any."""
     place = results.folder / "fit"
     paths = sorted(place.glob("*.json"))
     if not paths:
         yield Text(
-            f"There is none in {place}. One is made by: splatcore fit SCENE --fps F -o "
+            f"No machines in {place}. Create one: splatcore fit SCENE --fps F -o "
             f"{place}/NAME.toml --json {place}/NAME.json"
         )
         return
@@ -232,20 +236,20 @@ def fitted(results: Results) -> Iterator[Item]:
         return
     yield Table(
         "fit",
-        "The machines view by view, by cycle model and golden model. The commands are those that "
-        "their results tell of; cameras and sizes may have been named besides.",
+        "The machines by view, by cycle model and golden model. PSNR: against the reference on the "
+        "same packed model. The commands may lack the cameras and sizes that were used.",
         [
-            Column("machine"), Column("asked for"), Column("view"), Column("frame", "M cycles", 2),
+            Column("machine"), Column("target"), Column("view"), Column("frame", "M cycles", 2),
             Column("FPS", "at 800 MHz", 1), Column("PSNR, machine", "dB", 2, none="exact"),
         ],
         views, commands=list(commands),
     )  # fmt: skip
     yield Table(
         "fit-knobs",
-        "What each of them is made of, and what keeps it from being smaller.",
+        "Fields of each machine, and the reason why each is not smaller.",
         [
-            Column("machine"), Column("what"), Column("DEFAULT"), Column("chosen"),
-            Column("what binds it"),
+            Column("machine"), Column("field"), Column("DEFAULT"), Column("chosen"),
+            Column("reason"),
         ],
         knobs, commands=list(commands),
     )  # fmt: skip

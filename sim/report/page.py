@@ -1,4 +1,4 @@
-"""A report's tables, figures and texts, written as an HTML page, a JSON object and CSV tables."""
+"""A report's tables, figures and texts, as an HTML page, a JSON object and CSV tables."""
 
 import csv
 import io
@@ -12,10 +12,10 @@ from splatcore.sim.common.plot import plot
 
 TEMPLATE = "report.html.jinja"
 
-NONE = "–"  # in place of a number that there is not
-LONG_TABLE = 28  # rows of a table that may be broken over pages in print
+NONE = "–"  # in place of a missing number
+LONG_TABLE = 28  # rows from which a table may break across printed pages
 
-QUESTIONS = ("How fast", "How exact", "How large", "What each idea buys")
+QUESTIONS = ("How fast", "How exact", "How large", "Gain of each idea")
 """Headings of the summary at the top of the page."""
 
 MILLI, THOUSAND, MILLION = 1e-3, 1e3, 1e6
@@ -23,8 +23,12 @@ MILLI, THOUSAND, MILLION = 1e-3, 1e3, 1e6
 
 @dataclass(frozen=True)
 class Column:
-    """A table's column. digits: behind the point, None for text; none: stands for no value; wide:
-    has long texts."""
+    """A table's column.
+
+    digits: decimals; None for text
+    none: text of a missing value
+    wide: for long texts
+    """
 
     name: str
     unit: str = ""
@@ -34,16 +38,16 @@ class Column:
 
     @property
     def heading(self) -> str:
-        """Name and unit, as JSON and CSV have it."""
+        """Name and unit, for JSON and CSV."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
     @property
     def style(self) -> str:
-        """The class of its cells: numbers stand on the right."""
+        """CSS class of its cells; numbers are right-aligned."""
         return "right" if self.digits is not None else "wide" if self.wide else "left"
 
     def cell(self, value: object) -> str:
-        """A value as it is printed."""
+        """A value as text."""
         if value is None:
             return self.none
         if isinstance(value, bool):
@@ -55,8 +59,13 @@ class Column:
 
 @dataclass
 class Table:
-    """Rows of as many values as columns. key: its file's name; sources: results it is made of;
-    strong: rows that sum up or stand out; commands, versions: that made these results."""
+    """A table; each row has as many values as columns.
+
+    key: name of its CSV file
+    sources: names of the results that it shows
+    strong: numbers of highlighted rows
+    commands, versions: that produced these results
+    """
 
     key: str
     caption: str
@@ -68,20 +77,20 @@ class Table:
     versions: list[str] = field(default_factory=list)
 
     def cells(self) -> list[list[str]]:
-        """All cells as printed."""
+        """All cells as text."""
         return [
             [column.cell(value) for column, value in zip(self.columns, row, strict=True)]
             for row in self.rows
         ]
 
     def facts(self) -> dict:
-        """For the JSON file."""
+        """The table as a JSON object."""
         about = {"caption": self.caption, "commands": self.commands, "versions": self.versions}
         headings = [column.heading for column in self.columns]
         return about | {"columns": headings, "rows": list(map(list, self.rows))}
 
     def comma_separated(self) -> str:
-        """For a CSV file: the JSON file's values; nothing for none."""
+        """The table as CSV, with the values of the JSON file; missing values are empty."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(column.heading for column in self.columns)
@@ -91,8 +100,7 @@ class Table:
 
 @dataclass
 class Figure:
-    """A plot (SVG, which the page takes as it is) or a picture (data URI). about: describes it for
-    those who do not see it."""
+    """A plot (SVG, inserted unchanged) or a picture (data URI). about: its text alternative."""
 
     key: str
     caption: str
@@ -104,14 +112,14 @@ class Figure:
     versions: list[str] = field(default_factory=list)
 
     def facts(self) -> dict:
-        """For the JSON file."""
+        """The figure as a JSON object."""
         return {"caption": self.caption, "commands": self.commands, "versions": self.versions}
 
 
 def plotted(
     key: str, caption: str, about: str, height: float, draw: Callable[[Canvas], None], source: str
 ) -> Figure:
-    """A figure of what `draw` draws on a canvas of so many inches, from one result."""
+    """A figure drawn by `draw` on a canvas of `height` inches, from one result (`source`)."""
     return Figure(key, caption, about, plot(key, height, draw), sources=(source,))
 
 
@@ -124,7 +132,7 @@ class Text:
 
 @dataclass
 class Card:
-    """A number at the top of the page that answers one of `QUESTIONS`; section: its name."""
+    """A number in the summary, below one of `QUESTIONS`. section: name of its section."""
 
     question: str
     value: str
@@ -137,7 +145,7 @@ Item = Table | Figure | Text | Card
 
 @dataclass
 class Part:
-    """A section of the page with its content. problems: lines about what it lacks."""
+    """A section of the page. problems: lines about missing results."""
 
     name: str
     title: str
@@ -146,7 +154,7 @@ class Part:
     problems: list[str] = field(default_factory=list)
 
     def shown(self, kind: str) -> list[Item]:
-        """Its tables, figures, texts or cards."""
+        """Its items of one kind: table, figure, text or card."""
         return [item for item in self.items if kind_of(item) == kind]
 
 
@@ -156,7 +164,7 @@ def kind_of(item: Item) -> str:
 
 
 def html(parts: list[Part]) -> str:
-    """The whole page."""
+    """The whole page as HTML."""
     loader = PackageLoader("splatcore.sim.report", package_path="")
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.tests["kind"] = lambda item, kind: kind_of(item) == kind
@@ -172,7 +180,7 @@ def html(parts: list[Part]) -> str:
 
 
 def numbers(parts: list[Part]) -> dict[str, str]:
-    """Names of tables and figures by key: counted through the page."""
+    """Names of tables and figures ("Table 1", …) by key, numbered through the page."""
     found = {}
     for kind in ("table", "figure"):
         items = [item for part in parts for item in part.shown(kind)]
@@ -184,7 +192,7 @@ def numbers(parts: list[Part]) -> dict[str, str]:
 
 
 def facts(parts: list[Part]) -> dict:
-    """The JSON file's object."""
+    """The whole report as a JSON object."""
     return {
         "sections": {
             part.name: {

@@ -1,4 +1,4 @@
-"""The paper's tables with ours beside them: operations of stage 1, gates, memories."""
+"""Comparison with the paper's tables: operations of stage 1, gates, memories."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -26,15 +26,15 @@ def operations(results: Results) -> Iterator[Item]:
         rows += [own_row(facts, "with zeros", False), own_row(facts, "without zeros", True)]
     yield Table(
         "operations",
-        "Operations of stage 1 for a Gaussian with harmonics of degree 1, with and without "
-        "products with the zeros of the Jacobian. Ours multiply by L of Σ = L·Lᵀ from the packed "
-        "model, fold camera and focal lengths into constants of the frame, and add extents for "
-        "binning; the last column is what leaving out the zeros saves.",
+        "Operations of stage 1 per Gaussian with harmonics of degree 1, with and without products "
+        "with the zeros of the Jacobian. Ours multiply by L of Σ = L·Lᵀ from the packed model, "
+        "fold camera and focal lengths into constants of the frame, and add extents for binning. "
+        "Saved: operations that skipping the zeros saves.",
         [
             Column("machine"), Column("products"), Column("all", "operations", 0),
             Column("×", "", 0), Column("+ and −", "", 0), Column("÷ and √", "", 0),
             Column("clamp, maximum", "", 0), Column("PEs", "", 0),
-            Column("a Gaussian", "cycles", 0), Column("PEs busy", "%", 1),
+            Column("cycles", "per Gaussian", 0), Column("PEs busy", "%", 1),
             Column("saved", "% of operations", 1),
         ],
         [
@@ -45,28 +45,28 @@ def operations(results: Results) -> Iterator[Item]:
     )  # fmt: skip
     if len(rows) > 2:
         yield Card(
-            "What each idea buys", f"{rows[2][2]} → {rows[3][2]}",
-            "operations of stage 1 for a Gaussian without products with zeros; the paper: "
+            "Gain of each idea", f"{rows[2][2]} → {rows[3][2]}",
+            "operations of stage 1 per Gaussian without products with zeros; the paper: "
             f"{rows[0][2]} → {rows[1][2]}",
         )  # fmt: skip
 
 
-def paper_row(what: str, pes: int, busy: float | None) -> list:
-    """The paper's counts; it prints no clamps and no cycles."""
-    counts = paper.OPERATIONS[what]
+def paper_row(products: str, pes: int, busy: float | None) -> list:
+    """The paper's counts; it has no counts of clamps and cycles."""
+    counts = paper.OPERATIONS[products]
     return [
-        "the paper", what, counts["operations"], counts["multiply"],
+        "the paper", products, counts["operations"], counts["multiply"],
         counts["add"] + counts["subtract"], counts["divide"], None, pes, None,
         busy and 100 * busy,
     ]  # fmt: skip
 
 
-def own_row(facts: Facts, what: str, skip_zeros: bool) -> list:
-    """Those of a machine's program for the harmonics that it has."""
+def own_row(facts: Facts, products: str, skip_zeros: bool) -> list:
+    """Counts of a machine's program for its degree of harmonics."""
     config = replace(find_preset(facts["preset"]), skip_zeros=skip_zeros)
     row = facts["programs"][projection(config).name]
     return [
-        facts["preset"], what, row["operations"], row["multiply"], row["add"],
+        facts["preset"], products, row["operations"], row["multiply"], row["add"],
         row["divide_or_root"], row["choose"], row["pes"], row["cycles_an_item"],
         100 * row["pes_busy"],
     ]  # fmt: skip
@@ -97,8 +97,8 @@ def gates(results: Results) -> Iterator[Item]:
 
     yield plotted(
         "gates-by-stage",
-        "Gates by stage. The paper has no stage of its own for binning; its sorters are four of "
-        "256 entries that find the largest of all at once.",
+        "Gates by stage, ours and the paper's. The paper has no stage for binning; its four "
+        "sorters have 256 entries each and find the maximum of all entries at once.",
         "Bars of each stage, ours and the paper's.",
         1 + 0.34 * len(stages), draw, "synth",
     )  # fmt: skip
@@ -122,11 +122,11 @@ def gates(results: Results) -> Iterator[Item]:
     )  # fmt: skip
     yield Table(
         "gates",
-        "Gates of the whole machine, flip-flops with them, memories without, mapped for area and "
-        "for speed. Depth: of the longest path between registers, for speed; 800 MHz in 28 nm "
-        f"leave room for {DEPTH_MAX}.",
+        "Gates of the whole machine, with flip-flops and without memories, mapped for area and "
+        "for speed. Depth: gates on the longest path between registers, mapped for speed; 800 MHz "
+        f"in 28 nm allow {DEPTH_MAX}.",
         [
-            Column("part"), Column("how many", "", 0, none=""), Column("for area", "k NAND2", 1),
+            Column("part"), Column("count", "", 0, none=""), Column("for area", "k NAND2", 1),
             Column("for speed", "k NAND2", 1, none=""), Column("depth", "gates", 0, none=""),
             Column("the paper", "k", 1, none=""),
         ],
@@ -153,9 +153,9 @@ def memories(results: Results) -> Iterator[Item]:
     strong.add(len(rows) - 1)
     yield Table(
         "memories",
-        "On-chip memories. The paper's are divided otherwise: its lists lie on chip as far as they "
-        "fit, ours go through DRAM in order.",
-        [Column("machine"), Column("of"), Column("size", "KB", 2)],
+        "On-chip memories. The paper divides them differently: its lists are stored on chip as far "
+        "as they fit, ours are streamed through DRAM.",
+        [Column("machine"), Column("memory"), Column("size", "KB", 2)],
         rows, ("memories",), frozenset(strong),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The report's section of published accelerators, with this machine above them."""
+"""The report's section on published accelerators, with this machine in the first row."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,11 @@ from splatcore.sim.report.results import Results
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
 
-OPEN = "open"  # in place of what a source does not say
+OPEN = "open"  # a value that the source does not have
 
 
 def own(results: Results) -> list:
-    """This machine's line; a result that is missing leaves its cell open and is a trouble."""
+    """This machine's row; a missing result leaves its cell open and is added to the troubles."""
     gates = memory = speed = size = None
     for facts in results.each(("synth",)):
         gates = facts["top"]["nand2"] / THOUSAND
@@ -33,13 +33,12 @@ def own(results: Results) -> list:
 
 
 def published(results: Results) -> Iterator[Item]:
-    """All machines."""
+    """Table of this machine and all published ones."""
     yield Table(
         "published",
-        "Published accelerators with their own figures and where they stand; open: the source that "
-        "was read does not say. Frame rates are of different scenes, models and resolutions: they "
-        "tell what was built, not which is better. The same frames on two machines: "
-        "docs/performance.md.",
+        "Published accelerators with their authors' figures and their sources; open: not stated in "
+        "the source. Frame rates are for different scenes, models and resolutions, so they do not "
+        "show which machine is better. The same frames on two machines: docs/performance.md.",
         [
             Column("machine"), Column("kind"), Column("process", none=OPEN),
             Column("clock", "MHz", 0, OPEN), Column("gates", "k NAND2", 1, OPEN),

@@ -1,4 +1,4 @@
-"""The report's section of what a model's bytes buy: dB against bytes, and speed against error."""
+"""The report's section on image quality against model size and speed."""
 
 from collections.abc import Iterator
 
@@ -13,13 +13,13 @@ from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.stages import NAMES
 
 PACKINGS = ("compact", "balanced", "faithful")
-"""From few bytes a Gaussian to many; rows of other names were asked for in dB."""
+"""Qualities by rising bytes per Gaussian; other rows were packed for a target in dB."""
 
-HEIGHT, NAMED = 4.6, 3  # inches of a plot; columns of its legend
+HEIGHT, NAMED = 4.6, 3  # of a plot, inches; columns of its legend
 
 
 def by_view(rows: list[Facts]) -> dict[str, list[Facts]]:
-    """Rows of each view by its name, those with few bytes first."""
+    """Rows by name of the view, by rising bytes."""
     views: dict[tuple[str, str], list[Facts]] = {}
     for row in sorted(rows, key=lambda row: row["bytes_per_gaussian"]):
         views.setdefault((row["scene"], row["camera"]), []).append(row)
@@ -28,13 +28,15 @@ def by_view(rows: list[Facts]) -> dict[str, list[Facts]]:
 
 
 def fps(row: Facts) -> float:
-    """Frames a second by the cycle model."""
+    """Frames per second by the cycle model."""
     return CLOCK_HZ / row["cycles"]["frame"]
 
 
 def lines(figure: Canvas, rows: list[Facts], across: str) -> None:
-    """dB against the scene over bytes a Gaussian (`bytes`) or frames a second (`speed`): for each
-    view a line through its models."""
+    """Draw PSNR against the scene as trained, one line per view through its models.
+
+    across: the x axis, "bytes" (per Gaussian) or "speed" (frames per second)
+    """
     axes = figure.subplots()
     for number, (title, found) in enumerate(by_view(rows).items()):
         shown = [row for row in found if row["psnr_db_scene"] is not None]
@@ -46,23 +48,24 @@ def lines(figure: Canvas, rows: list[Facts], across: str) -> None:
             linestyle=plot.DASHES[number // len(plot.COLOURS) % len(plot.DASHES)],
         )  # fmt: skip
     if across == "bytes":
-        axes.set_xlabel("bytes a Gaussian")
+        axes.set_xlabel("bytes per Gaussian")
     else:
         axes.set_xscale("log")
         plot.plain_ticks(axes.xaxis, (1, 2, 3, 5, 7))
-        axes.set_xlabel("frames a second at 800 MHz by the cycle model, logarithmic")
-    axes.set_ylabel("dB, golden model against the scene as it is")
+        axes.set_xlabel("frames per second at 800 MHz by the cycle model, logarithmic")
+    axes.set_ylabel("PSNR against the scene as trained, dB")
     plot.legend_below(figure, axes, NAMED)
 
 
 PICTURES = {
-    "quality": "dB of the machine's picture against the scene as it is, over bytes a Gaussian; "
-    "each line is a view, from compact over balanced to faithful. Scenes without harmonics take "
-    "the same bytes in all three.",
-    "speed": "The same dB over frames a second: what a model's bytes cost in speed is how far its "
-    "line leans.",
+    "quality": "PSNR of the machine's 8-bit picture against the float64 reference on the scene as "
+    "trained (y axis; higher is better) over the model's size (x axis). Each line is one view, "
+    "with the colour and marker of the legend; its points are packed models, from compact via "
+    "balanced to faithful. Scenes without harmonics have the same size in all three.",
+    "speed": "The same PSNR over frames per second (x axis, logarithmic). The more a line leans to "
+    "the left, the more speed its larger models cost.",
 }
-"""Captions of this section's plots, which `--pictures` writes too."""
+"""Captions of this section's plots, by file name of `--pictures`."""
 
 ACROSS = {"quality": "bytes", "speed": "speed"}
 
@@ -78,7 +81,7 @@ def plots(results: Results) -> Iterator[Item]:
 
 
 def table(results: Results) -> Iterator[Item]:
-    """Each view in each packing, and the least of all views."""
+    """Table of all views and packings, and cards with the lowest values."""
     facts, rows = results.rows("quality")
     for packing in PACKINGS:
         mine = [row for row in rows if row["asked"] == packing]
@@ -88,8 +91,8 @@ def table(results: Results) -> Iterator[Item]:
             most = max(row["bytes_per_gaussian"] for row in mine)
             yield Card(
                 "How exact", f"{worst['psnr_db_scene']:.1f} dB",
-                f"golden model against the scene as it is, packed {packing} (at most {most:.2f} "
-                f"bytes a Gaussian), the lowest of {count_of(mine)} ({name(worst)})",
+                f"golden model against the scene as trained, packed {packing} (at most {most:.2f} "
+                f"bytes per Gaussian), the lowest of {count_of(mine)} ({name(worst)})",
             )  # fmt: skip
     compact = [row for row in rows if row["asked"] == PACKINGS[0]]
     if compact:
@@ -101,13 +104,13 @@ def table(results: Results) -> Iterator[Item]:
         )  # fmt: skip
     yield Table(
         "quality",
-        f"Each view in each packing, {facts['size']}, by golden model and cycle model, 8-bit "
-        "pictures. PSNR: the golden model against the reference on the scene as it is (scene); "
-        "the reference on the packed model against that (packing); the golden model against the "
-        "reference on the same packed model (machine).",
+        f"Each view in each packing, {facts['size']}, by golden model and cycle model. PSNR "
+        "between 8-bit pictures: the golden model against the reference on the scene as trained "
+        "(scene); the reference on the packed model against the reference on the scene as trained "
+        "(packing); the golden model against the reference on the same packed model (machine).",
         [
             *VIEW, Column("packed"),
-            Column("size", "bytes a Gaussian", 2), Column("PSNR, scene", "dB", 2, none="exact"),
+            Column("size", "bytes per Gaussian", 2), Column("PSNR, scene", "dB", 2, none="exact"),
             Column("PSNR, packing", "dB", 2, none="exact"),
             Column("PSNR, machine", "dB", 2, none="exact"),
             Column("max error, machine", f"of {LEVELS}", 0), Column("frame", "M cycles", 2),
@@ -127,15 +130,15 @@ def table(results: Results) -> Iterator[Item]:
 
 
 def stages(results: Results) -> Iterator[Item]:
-    """Cycles by stage and half, of compact models or of those that there are."""
+    """Table of cycles by stage and half, for compact models if there are any."""
     facts, rows = results.rows("quality")
     mine = [row for row in rows if row["asked"] == PACKINGS[0]] or rows
     parts = (*NAMES, "preprocessing", "rendering", "frame")
     yield Table(
         "stages",
-        f"Cycles of a frame by stage, each by itself, and of both halves as their stages wait for "
-        f"each other, {facts['size']}, by the cycle model, packed {PACKINGS[0]}. What was "
-        "simulated in RTL is in the first section.",
+        f"Cycles per frame by the cycle model: of each stage alone, and of both halves with their "
+        f"stages waiting for each other, {facts['size']}, packed {PACKINGS[0]}. The first section "
+        "has cycles of RTL simulation.",
         [Column("view"), *(Column(part, "k cycles", 0) for part in parts)],
         [
             [title, *(row["cycles"][part] / THOUSAND for part in parts)]

@@ -1,5 +1,5 @@
-"""Results that a report is made of: files that rules of the Makefile leave in a folder, and for
-those that are not there the tables that the repository keeps."""
+"""Results for a report: files written by rules of the Makefile, or else the repository's kept
+tables."""
 
 import json
 import shlex
@@ -36,12 +36,12 @@ SOURCES = {
     "fpga-whole": ("fpga-whole.json", ""),
     "compression": ("compression/compression.json", "SCENES"),
 }
-"""Files by name, and the variables of make that their rules take. `fit` has no rule, as only its
-user knows what to ask it for."""
+"""File of each result, and the make variables of its rule. `fit` has no rule, as its targets are up
+to the user."""
 
 
 class Facts(dict):
-    """An object of a JSON file; a key that it lacks is an InputError that names file and place."""
+    """An object of a JSON file; a missing key raises an InputError with file and place."""
 
     def __init__(self, values: dict, file: str, place: str = ""):
         super().__init__()
@@ -55,7 +55,7 @@ class Facts(dict):
 
 
 def _facts(value: object, file: str, place: str) -> object:
-    """A value with all objects in it as `Facts`."""
+    """Convert all objects in a value into `Facts`."""
     if isinstance(value, dict):
         return Facts(value, file, place)
     if isinstance(value, list):
@@ -64,18 +64,18 @@ def _facts(value: object, file: str, place: str) -> object:
 
 
 def in_units(facts: dict, key: str | None, unit: float) -> float | None:
-    """A number in another unit; None where there is none."""
+    """A number in another unit; None if it is missing."""
     value = facts.get(key)
     return None if value is None else value / unit
 
 
 def _refuse(word: str):
-    """JSON has no NaN and no infinity."""
-    raise ValueError(f"{word} is no number")
+    """Refuse NaN and infinity in JSON."""
+    raise ValueError(f"{word} is not a number")
 
 
 def read(path: Path) -> Facts:
-    """A JSON file that holds an object; InputError names the file."""
+    """Read a JSON file that holds an object; raise InputError with the file's name."""
     try:
         value = json.loads(path.read_text(), parse_constant=_refuse)
     except OSError as error:
@@ -83,13 +83,13 @@ def read(path: Path) -> Facts:
     except ValueError as error:
         raise InputError(f"{path}: is not JSON ({error})") from None
     if not isinstance(value, dict):
-        raise InputError(f"{path}: holds no object")
+        raise InputError(f"{path}: is not a JSON object")
     return Facts(value, str(path))
 
 
 @dataclass(frozen=True)
 class Options:
-    """Scenes, size and machine that are asked for; empty and None for any."""
+    """Requested scenes, size and preset; empty or None for any."""
 
     scenes: tuple[str, ...] = ()
     size: str | None = None
@@ -97,7 +97,7 @@ class Options:
 
 
 def measured_with(facts: dict) -> Options:
-    """Options that make a result again, without defaults; of scene files it has no folders."""
+    """Options to reproduce a result, without defaults and without scene files."""
     size, preset = facts.get("size"), facts.get("preset")
     size = "x".join(map(str, size)) if isinstance(size, list) else size
     scenes = [facts.get("scene"), *(row.get("scene") for row in facts.get("rows", ()))]
@@ -110,8 +110,13 @@ def measured_with(facts: dict) -> Options:
 
 @dataclass
 class Results:
-    """A folder of results. kept: another one, of tables, for what is missing there; used: names of
-    the results asked for since it was emptied; troubles: faults that leave a result to show."""
+    """A folder of results.
+
+    options: requested scenes, size and preset
+    kept: folder of tables to use for missing results
+    used: names of the results read since this list was cleared
+    troubles: problems that do not prevent a result from being shown
+    """
 
     folder: Path
     options: Options = field(default_factory=Options)
@@ -123,7 +128,7 @@ class Results:
     _versions: dict[str, str] = field(default_factory=dict)
 
     def command(self, name: str) -> str:
-        """The command that makes a result; one that exists tells the options it was made with."""
+        """The command that produces a result, with the options recorded in it."""
         if name in self._commands:
             return self._commands[name]
         (file, takes), asked = SOURCES[name], self.options
@@ -137,37 +142,37 @@ class Results:
         return shlex.join(["make", f"RESULTS={self.folder}", *given, str(self.folder / file)])
 
     def version(self, name: str) -> str:
-        """What made a result, as far as it has been read and says so."""
+        """The version that produced a result; empty if unknown or not read yet."""
         return self._versions.get(name, "")
 
     def is_kept(self, name: str) -> bool:
-        """Whether a result is read from the kept tables: there is none in the folder."""
+        """Whether a result has to be read from the kept tables, as the folder lacks it."""
         if self.kept is None or (self.folder / SOURCES[name][0]).exists():
             return False
         return any(path.exists() for path in files(name, self.kept))
 
     def from_kept(self, name: str) -> Facts:
-        """A kept result's content; its command and its version are what it says."""
+        """A kept result's content; its command and version are stored in it."""
         self.used.append(name)
         found = Facts(read_kept(name, self.kept), str(next(iter(files(name, self.kept)))))
         self._commands[name], self._versions[name] = found["command"], found["version"]
         return found
 
-    def beside(self, name: str) -> Path:
-        """The folder of a result, where its pictures are."""
+    def folder_of(self, name: str) -> Path:
+        """The folder of a result and its pictures."""
         self.used.append(name)
         return self.kept if self.is_kept(name) else self.path(name).parent
 
     def path(self, name: str) -> Path:
-        """A result's file; InputError if it is missing."""
+        """A result's file; raises InputError if it is missing."""
         self.used.append(name)
         path = self.folder / SOURCES[name][0]
         if not path.exists():
-            raise InputError(f"{path}: is not there; made by: {self.command(name)}")
+            raise InputError(f"{path}: does not exist; create with: {self.command(name)}")
         return path
 
     def facts(self, name: str) -> Facts:
-        """A result's content; InputError if it is of another size or machine than asked for."""
+        """A result's content; raises InputError if its size or preset is not the requested one."""
         if self.is_kept(name):
             found = self.from_kept(name)
         else:
@@ -178,21 +183,24 @@ class Results:
         return found
 
     def campaign(self, name: str) -> Facts:
-        """A campaign's result; what failed in it is a trouble."""
+        """A campaign's result; its failures are added to the troubles."""
         facts = self.facts(name)
         for failed in facts["failed"]:
             self.troubles.append(f"{facts.file}: {failed['what']}: {failed['why']}")
         return facts
 
     def rows(self, name: str) -> tuple[Facts, list[Facts]]:
-        """A campaign's result, and its rows of the scenes asked for; InputError if it has none."""
+        """A campaign's result and its rows of the requested scenes.
+
+        Raises InputError if there is none.
+        """
         facts = self.campaign(name)
         if not (rows := self.of_scenes(facts["rows"])):
             raise InputError(f"{facts.file}: holds no row")
         return facts, rows
 
     def each(self, names: Iterable[str]) -> Iterator[Facts]:
-        """Contents of those of several results that can be had; why others cannot is a trouble."""
+        """Yield the contents of several results; errors of the others are added to the troubles."""
         for name in names:
             try:
                 yield self.facts(name)
@@ -200,27 +208,27 @@ class Results:
                 self.troubles.append(str(error))
 
     def check(self, found: Facts, takes: str = ALL):
-        """InputError if a result is of another size or of another machine than was asked for."""
+        """Raise InputError if a result's size or preset is not the requested one."""
         preset = self.options.preset and find_preset(self.options.preset).name
         for key, asked in (("size", self.options.size), ("preset", preset)):
             value = found.get(key)
             text = "x".join(map(str, value)) if isinstance(value, list) else value
             if key.upper() in takes and asked and text and asked != text:
                 raise InputError(
-                    f"{found.file}: is for {key} {text}, not {asked}; move it away, or name other "
-                    "--results"
+                    f"{found.file}: is for {key} {text}, not {asked}; move it away, or use another "
+                    "folder --results"
                 )
 
     def of_scenes(self, rows: Iterable[Facts]) -> list[Facts]:
-        """The rows of the scenes that were asked for; a scene without any is a trouble."""
+        """The rows of the requested scenes; a scene without rows is added to the troubles."""
         asked, rows = {Path(scene).name for scene in self.options.scenes}, list(rows)
         missing = sorted(asked - {row["scene"] for row in rows})
         if missing and rows:
-            self.troubles.append(f"{rows[0].file}: has nothing about {', '.join(missing)}")
+            self.troubles.append(f"{rows[0].file}: has no rows of {', '.join(missing)}")
         return [row for row in rows if not asked or row["scene"] in asked]
 
     def several(self, name: str, pattern: str) -> Iterator[Facts]:
-        """Contents of all JSON files beside a result's own; of a kept one its rows."""
+        """Yield the contents of all JSON files in a result's folder, or a kept result's rows."""
         if self.is_kept(name):
             yield from self.from_kept(name)["rows"]
             return

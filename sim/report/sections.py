@@ -1,4 +1,4 @@
-"""A report: its sections, each from its results; a section says what it lacks, the others stand."""
+"""Composition of a report from sections. A missing result affects only its own section."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -21,7 +21,7 @@ from splatcore.sim.report.results import Results
 from splatcore.sim.report.titles import SECTIONS
 from splatcore.spec.error import InputError
 
-Block = Callable[[Results], Iterable[Item]]  # a part of a section that stands or falls as a whole
+Block = Callable[[Results], Iterable[Item]]  # part of a section that succeeds or fails as a whole
 
 BLOCKS: dict[str, tuple[Block, ...]] = {
     "scenes": scenes.BLOCKS,
@@ -38,11 +38,11 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
     "fpga": other.FPGA,
     "fit": other.FIT,
 }
-"""Of each section, in their order."""
+"""Blocks of each section, in order."""
 
 
 def compose(name: str, results: Results) -> Part:
-    """A section; a block that cannot be made is a problem of it."""
+    """Compose a section; the error of a failed block becomes a problem of the section."""
     part = Part(name, *SECTIONS[name])
     for block in BLOCKS[name]:
         results.used.clear()
@@ -51,9 +51,9 @@ def compose(name: str, results: Results) -> Part:
         except InputError as error:
             part.problems.append(str(error))
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            what = ", ".join(dict.fromkeys(results.used)) or "results"
+            names = ", ".join(dict.fromkeys(results.used)) or "results"
             kind = type(error).__name__
-            part.problems.append(f"{what}: not as they should be ({kind}: {error})")
+            part.problems.append(f"{names}: invalid content ({kind}: {error})")
         part.problems += results.troubles
         results.troubles.clear()
     part.problems = list(dict.fromkeys(part.problems))
@@ -68,7 +68,7 @@ def compose(name: str, results: Results) -> Part:
 
 
 def write_report(folder: Path, parts: list[Part]) -> list[Path]:
-    """Write the page, the JSON file and the tables; returns their paths."""
+    """Write the page, the JSON file and the tables; return their paths."""
     files = {
         folder / "report.html": html(parts),
         folder / "report.json": json.dumps(facts(parts), indent=1, ensure_ascii=False) + "\n",

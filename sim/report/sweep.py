@@ -1,4 +1,4 @@
-"""The report's section of the sweep: speed, picture, gates of machines with one thing changed."""
+"""The report's section on the sweep: speed, PSNR and gates of machines with one change each."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from splatcore.sim.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW, against_r
 from splatcore.sim.report.sweep_plot import knobs, plane
 from splatcore.spec.error import InputError
 
-BASES = ("DEFAULT", "PAPER")  # points whose scenes are listed one by one
+BASES = ("DEFAULT", "PAPER")  # points that are also listed scene by scene
 
 EXACT = "exact"
 
@@ -24,23 +24,23 @@ def swept(results: Results) -> tuple[Facts, Facts]:
 
 
 def summary(results: Results) -> Iterator[Item]:
-    """DEFAULT's picture beside that of the paper's number formats, and the table of all points."""
+    """Card comparing DEFAULT's PSNR with the paper's number formats; table of all points."""
     _, points = swept(results)
     own, paper = (points.get(name, {}).get("psnr_db_machine_mean") for name in BASES)
     if own is not None and paper is not None:
         yield Card(
-            "What each idea buys", f"{own - paper:+.1f} dB",
-            f"mean PSNR (machine: against the same packed model) by DEFAULT's number formats "
+            "Gain of each idea", f"{own - paper:+.1f} dB",
+            f"mean PSNR (machine: against the same packed model) of DEFAULT's number formats "
             f"({own:.1f} dB) over the paper's ({paper:.1f} dB)",
         )  # fmt: skip
     yield Table(
         "sweep",
-        "All machines of the sweep: cycles and frames a second of the slowest scene, PSNR and "
-        "largest error of a channel over all scenes, machine: against the reference on the same "
-        "packed model, 8-bit pictures of both. Front: no other machine is better in one of "
-        "cycles (also their mean over scenes), mean PSNR and gates without being worse in another.",
+        "All machines of the sweep. Cycles and frames per second: of the slowest scene. PSNR and "
+        "largest error per channel: over all scenes, 8-bit pictures against the float64 reference "
+        "on the same packed model (machine). Front: on the Pareto front of cycles (slowest scene "
+        "and mean), mean PSNR and gates.",
         [
-            Column("machine"), Column("what"), Column("value"), Column("gates", "k NAND2", 1),
+            Column("machine"), Column("changed"), Column("value"), Column("gates", "k NAND2", 1),
             Column("memory", "KB", 1), Column("frame", "M cycles", 2),
             Column("FPS", "at 800 MHz", 1), Column("PSNR, machine, lowest", "dB", 2, EXACT),
             Column("PSNR, machine, mean", "dB", 2, EXACT),
@@ -63,51 +63,52 @@ def summary(results: Results) -> Iterator[Item]:
 
 
 FRONT = (
-    "PSNR: machine, against the reference on the same packed model. Filled and named: machines on "
-    "the front of all three, cycles, PSNR and gates; open: beaten by another one. Dotted: the "
-    "front of this plot's two axes."
+    "PSNR: against the reference on the same packed model (machine). One marker and colour per "
+    "changed field. Filled and named: machines on the Pareto front of cycles, PSNR and gates; "
+    "open: another machine is better. Dotted: the front of this plot's two axes."
 )
 
 
 def cycles_and_picture(results: Results) -> Iterator[Item]:
-    """Cycles of the slowest scene against mean PSNR."""
+    """Plot of mean PSNR over cycles of the slowest scene."""
     facts, points = swept(results)
     yield plane(
         "cycles-psnr",
-        f"Frame of the slowest scene against mean PSNR, {facts['size']}; up and left is better. "
-        f"{FRONT} Dashed: the paper's {FPS} frames a second.",
+        f"Mean PSNR over cycles per frame of the slowest scene, {facts['size']}; up and left is "
+        f"better. {FRONT} Dashed: the paper's {FPS} frames per second.",
         points, "cycles", "psnr", cycles=CYCLES_MAX / MILLION,
     )  # fmt: skip
 
 
 def gates_and_the_rest(results: Results) -> Iterator[Item]:
-    """Gates against PSNR, and speed against gates."""
+    """Plots of PSNR and of speed over gates."""
     facts, points = swept(results)
     if all(point["nand2"] is None for point in points.values()):
-        raise InputError(f"{facts.file}: no point of it has gates")
+        raise InputError(f"{facts.file}: no point has gates")
     gates = GATES_ALL / THOUSAND
     yield plane(
         "gates-psnr",
-        "Gates against PSNR: the marker is the mean over all scenes, the line reaches down to the "
-        f"lowest. {FRONT} Dashed: the paper's gates.",
+        "PSNR over gates: the marker is the mean of all scenes, the line below it reaches down to "
+        f"the lowest. {FRONT} Dashed: the paper's gates.",
         points, "gates", "psnr", gates=gates,
     )  # fmt: skip
     yield plane(
         "fps-gates",
-        f"Frames a second of the slowest scene against gates, {facts['size']}; up and left is "
-        f"better. {FRONT} Dashed: the paper's gates and frames a second.",
+        f"Frames per second of the slowest scene over gates, {facts['size']}; up and left is "
+        f"better. {FRONT} Dashed: the paper's gates and frames per second.",
         points, "gates", "fps", gates=gates, fps=FPS,
     )  # fmt: skip
 
 
 def one_by_one(results: Results) -> Iterator[Item]:
-    """A small plot for each knob."""
+    """Small plots for each knob."""
     _, points = swept(results)
     yield Figure(
         "knobs",
-        "One thing changed at a time: frame of the slowest scene, PSNR (machine; marker: mean, "
-        "line: down to the lowest), gates. The dashed lines are DEFAULT's.",
-        "For each thing that is changed a row of three dot plots.",
+        "One field changed at a time, from left to right: cycles per frame of the slowest scene, "
+        "PSNR (machine; marker: mean of all scenes, line: down to the lowest), gates. Dashed: "
+        "DEFAULT.",
+        "A row of three dot plots for each changed field.",
         knobs("knobs", points),
         sources=("sweep",),
     )
@@ -131,8 +132,9 @@ def by_scene(results: Results) -> Iterator[Item]:
         ]  # fmt: skip
     yield Table(
         "sweep-scenes",
-        f"DEFAULT and PAPER scene by scene, {facts['size']}, by cycle model and golden model, "
-        "against the reference on the same packed model (machine) and on the scene as it is.",
+        f"DEFAULT and PAPER scene by scene, {facts['size']}, by cycle model and golden model. PSNR "
+        "against the reference on the same packed model (machine) and on the scene as trained "
+        "(scene).",
         columns,
         [
             [*view, *(cell for name in BASES for cell in cells(rows.get(name)))]
@@ -143,7 +145,10 @@ def by_scene(results: Results) -> Iterator[Item]:
 
 
 def cells(row: Facts | None) -> list:
-    """Frame, frames a second and error of a view; text where there is none, as no PSNR is exact."""
+    """Cycles, frames per second and error of a view.
+
+    Missing values are `NONE`, as None would mean an exact PSNR.
+    """
     if row is None:
         return [NONE] * 5
     return [
@@ -153,15 +158,15 @@ def cells(row: Facts | None) -> list:
 
 
 def confirmed(results: Results) -> Iterator[Item]:
-    """Points that were simulated in RTL."""
+    """Table of the points that were simulated in RTL."""
     _, points = swept(results)
     found = {name: point["rtl"] for name, point in points.items() if point.get("rtl")}
     if not found:
         return
     yield Table(
         "sweep-rtl",
-        "Machines of the sweep that were built and simulated in RTL; identical: whether the "
-        "picture is the golden model's, every bit of it.",
+        "Machines of the sweep simulated in RTL: cycles per frame by the cycle model and in RTL. "
+        "Identical: every bit of the picture equals the golden model's.",
         [Column("machine"), *VIEW, Column("size"), *AGAINST_RTL],
         [
             [

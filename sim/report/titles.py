@@ -1,72 +1,74 @@
-"""The sections of a report."""
+"""Titles and introductions of a report's sections."""
 
 SECTIONS = {
     "scenes": (
         "Real scenes in RTL simulation",
         "The whole machine, from the packed model in memory to the pixels in memory, simulated "
-        "cycle by cycle. Every picture is compared with the golden model's bit for bit, and with "
-        "a float64 renderer's of the same packed model (machine) and of the scene as it is "
-        "(scene), 8-bit pictures of all.",
+        "cycle by cycle. Every picture is compared bit for bit with the golden model's, and as "
+        "8-bit pictures with the float64 reference on the same packed model (machine) and on the "
+        "scene as trained (scene).",
     ),
     "quality": (
-        "What bytes buy",
-        "Packed models from few bytes a Gaussian to many, all at once as the machine renders them: "
-        "its picture against the scene as it is, and cycles by the cycle model.",
+        "Image quality against model size",
+        "Each scene packed in several qualities, from few to many bytes per Gaussian: PSNR of the "
+        "golden model's picture, which is the machine's bit for bit, and cycles by the cycle "
+        "model.",
     ),
     "budget": (
         "Where the error comes from",
-        "The 8-bit picture against the scene as it is, all harmonics, in float64: what packing "
-        "takes, part by part, and what the machine's numbers, its order and its output take.",
+        "The error of the picture against the float64 reference on the scene as trained, with all "
+        "harmonics: the part of each field of the packed model, and the parts of the machine's "
+        "arithmetic, its depth order and its 8-bit output.",
     ),
     "sweep": (
-        "What each size and each number format buys",
-        "One thing changed at a time, beside DEFAULT and PAPER (the paper's choices to the "
-        "letter, as far as it states them). Cycles by the cycle model, pictures by the golden "
-        "model; points simulated in RTL say so.",
+        "Effect of each size and number format",
+        "DEFAULT with one field changed at a time, compared with DEFAULT and with PAPER (the "
+        "paper's choices, as far as it states them). Cycles by the cycle model, pictures by the "
+        "golden model; points that were also simulated in RTL are in a table of their own.",
     ),
     "paper": (
-        "Beside the paper",
-        "Chang and Chang, “A 129FPS Full HD Real-Time Accelerator for 3D Gaussian Splatting” "
-        "(IEEE TVCG): its tables with ours beside them. Where its numbers agree with each other "
-        "and where they cannot: docs/paper.md.",
+        "Comparison with the paper",
+        "Tables of Chang and Chang, “A 129FPS Full HD Real-Time Accelerator for 3D Gaussian "
+        "Splatting” (IEEE TVCG), compared with ours. docs/paper.md shows where the paper's numbers "
+        "agree with each other and where they do not.",
     ),
     "published": (
         "Published accelerators",
-        "Other machines for 3D Gaussian Splatting, by what their authors print.",
+        "Other accelerators for 3D Gaussian Splatting, with figures from their authors.",
     ),
     "ablation": (
-        "What each idea buys",
+        "Gain of each idea",
         "The same scenes with the machine's savings switched on one after the other.",
     ),
     "work": (
-        "How much work a frame is",
-        "Rates of culling and of early termination, how busy the processing elements are, and "
-        "how many splats reach each tile.",
+        "Work per frame",
+        "Rates of culling and early termination, utilisation of the processing elements, and "
+        "splats per tile.",
     ),
     "compression": (
         "Compression",
-        "Pruning, distillation and quantisation with fine-tuning between, to models that the "
-        "machine reads as they are: docs/compression.md.",
+        "Pruning, distillation and quantisation with fine-tuning in between, to packed models that "
+        "the machine renders directly: docs/compression.md.",
     ),
     "power": (
         "Power: an estimate",
-        "First order: changes of nets in RTL simulation, times gates, times an energy for each. "
-        "Nothing is laid out; a factor of two either way is within what this is good for.",
+        "First order: changes of nets in RTL simulation × gates × energy per change, without a "
+        "layout. It may be wrong by a factor of two in either direction.",
     ),
     "hard": (
         "Hard cases",
-        "Small scenes on which renderers go wrong, each against the float64 reference on the same "
-        "packed model.",
+        "Small scenes that are difficult for renderers, each compared with the float64 reference "
+        "on the same packed model.",
     ),
     "fpga": (
         "On an FPGA",
-        "Preset FPGA as one design on a Lattice ECP5 (docs/fpga.md), and parts of machines that "
-        "are made for 800 MHz in 28 nm, each on its own: they can be placed and routed.",
+        "Preset FPGA as one design on a Lattice ECP5 (docs/fpga.md), and single parts of machines "
+        "that are designed for 800 MHz in 28 nm, which can be placed and routed, too.",
     ),
     "fit": (
-        "Machines made to measure",
-        "The smallest machines that reach a frame rate and a picture quality on given scenes, as "
-        "users have asked for them.",
+        "Custom machines",
+        "The smallest machines, found by splatcore fit, that reach a frame rate and a PSNR on "
+        "given scenes.",
     ),
 }
 """Title and introduction by name, in the order of the page."""

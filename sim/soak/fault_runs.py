@@ -1,8 +1,8 @@
-"""Frames that something goes wrong in, with another one in flight or alone, and a good one behind.
+"""Runs with a fault in a frame, alone or with another frame in flight, and a good frame after it.
 
-A run: frame A is started and handed over; frame B is started behind it while A's tiles are
-rendered, and something goes wrong; when all is at rest frame C is rendered, which must be right
-whatever happened. Without A, B is alone in the machine.
+A run: frame A is started and handed over to the rendering half. Frame B is started while A's
+tiles are rendered, and a fault occurs. Once the machine is at rest, frame C is rendered, which
+must be right in every case. Without A, B is alone in the machine.
 """
 
 from dataclasses import dataclass, replace
@@ -26,29 +26,34 @@ from splatcore.spec.memory import HEADER
 from splatcore.spec.registers import ErrorCode
 from splatcore.spec.work import PIXEL, stride
 
-QUIET = 4_000  # cycles in which whatever was on its way comes to its end
-IDLE_MAX = 20_000  # cycles without any movement after which a run counts as hung
+QUIET = 4_000  # cycles in which everything in flight completes
+IDLE_MAX = 20_000  # cycles without activity after which a run counts as hung
 
 A, B = 0, 1
-"""The frames in flight; the images that they go to. C goes to A's."""
+"""Frames in flight, and numbers of their images. C's image is A's."""
 
 WHOLE, SPOILT = 0, 1
-"""Models in memory: of A and C, of B."""
+"""Models in memory: for A and C, for B."""
 
 GAUSSIANS = 250
-STEP = 0.1  # of B's and C's camera, so that no picture is another one's
+STEP = 0.1  # shift of B's and C's camera, so that their picture differs from A's
 
 ALL = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong, and what must come of it.
+    """A fault, and the expected outcome.
 
-    code, detail: of ERROR (None: any). values: registers of frame B. header: fields of its model's
-    header. timing: memory's faults. after: cycles from B's start, and what the host does then.
-    survives: no frame is lost. told: there will be an error. twice: it and a read error. stuck: the
-    machine waits for ever, and the host resets it.
+    code, detail: expected fields of ERROR; detail None: any
+    values: registers of frame B
+    header: fields of the header of B's model
+    timing: faults of memory, fields of `Timing`
+    after: cycles from B's start, then the host's command and its arguments
+    survives: no frame is lost
+    reported: the machine reports an error
+    twice: a read error occurs, too
+    stuck: the machine hangs until the host resets it
     """
 
     code: ErrorCode
@@ -58,15 +63,20 @@ class Fault:
     timing: dict | None = None
     after: tuple | None = None
     survives: bool = False
-    told: bool = True
+    reported: bool = True
     twice: bool = False
     stuck: bool = False
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run: its report; FINISHED when the error was told; ERROR, FINISHED and STATUS at rest; the
-    images of A and B then, and of C."""
+    """Outcome of a run.
+
+    before: FINISHED when the error was reported
+    error, finished, status: registers at rest
+    images: of A and B at rest
+    good: image of C
+    """
 
     report: Report
     before: int
@@ -79,9 +89,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Timetable:
-    """A run in which nothing goes wrong. begin, ready, end: cycles of B's start, of its being
-    READY, and of its last pixel. first, handed, asked: what memory was asked for until its start,
-    until READY, and in all (`Report.asked`)."""
+    """Times of a run without a fault.
+
+    begin, ready, end: cycles of B's start, of its READY and of its end
+    first, handed, asked: (read beats, write bursts) requested until B's start, until READY and in
+        all
+    """
 
     begin: int
     ready: int
@@ -93,7 +106,7 @@ class Timetable:
 
 @cache
 def job(config: Config, which: int) -> Job:
-    """A's frame, or B's and C's: four groups, with lists that a small machine has to deal."""
+    """A's job, or B's and C's: four groups, with lists too long for a small machine's chip."""
     side = group_pixels(config)
     camera = generated_camera("garden", side * 5 // 4, side * 9 // 8)
     camera = replace(camera, translation=camera.translation - [STEP * which, 0, 0])
@@ -102,20 +115,20 @@ def job(config: Config, which: int) -> Job:
 
 @cache
 def golden(config: Config, which: int) -> Frame:
-    """The golden model's frame of it."""
+    """The golden model's frame of `job`."""
     return render(config, *job(config, which))
 
 
 @cache
 def areas_of(config: Config) -> Areas:
-    """Room for two models."""
+    """Memory areas for two models."""
     frame = job(config, B)
     size = frame.camera.width, frame.camera.height
     return place_areas(config, [frame.model] * 2, [size, size])
 
 
 def memory_timing(seed: int) -> Timing:
-    """Memory of a run: any latency, some stalls."""
+    """Memory of a run: random latency, sometimes stalls."""
     generator = np.random.default_rng(seed)
     stall = float(generator.choice([0, 0, 0.3]))
     latency = int(generator.integers(1, 60))
@@ -128,14 +141,14 @@ def values_of(config: Config, which: int, model: int, image: int) -> dict[str, i
 
 
 def start(script: Script, values: dict[str, int]) -> int:
-    """Write a frame's registers and start it; the number of the last command."""
+    """Write a frame's registers and start it; return the number of the start command."""
     for name, value in values.items():
         script.write(name, value)
     return script.write("CONTROL", registers.START)
 
 
 def begun(config: Config, pair: bool, values: dict[str, int] | None = None) -> tuple[Script, int]:
-    """A script up to B's start, the number of which comes with it. pair: with A before it."""
+    """A script up to B's start, and the number of its start command. pair: with A before B."""
     script = Script(config)
     script.write("INTERRUPT_ENABLE", ALL)
     if pair:
@@ -146,7 +159,7 @@ def begun(config: Config, pair: bool, values: dict[str, int] | None = None) -> t
 
 @cache
 def timetable(config: Config, seed: int, pair: bool) -> Timetable:
-    """The run of a seed in which nothing goes wrong."""
+    """Simulate the run of a seed without a fault."""
     script, begin = begun(config, pair)
     parts = []
     for wanted in ([], [registers.INTERRUPT_READY], [registers.INTERRUPT_FRAME] * (1 + pair)):
@@ -164,7 +177,7 @@ def timetable(config: Config, seed: int, pair: bool) -> Timetable:
 
 
 def run_fault(config: Config, fault: Fault, seed: int, pair: bool) -> Outcome:
-    """A run with a fault. pair: B has another frame in flight before it."""
+    """Simulate a run with a fault. pair: A is in flight before B."""
     areas, timing = areas_of(config), replace(memory_timing(seed), **(fault.timing or {}))
     size = stride(job(config, B).camera.width) * job(config, B).camera.height
     script, _ = begun(config, pair, fault.values)
@@ -172,7 +185,7 @@ def run_fault(config: Config, fault: Fault, seed: int, pair: bool) -> Outcome:
         cycles, command, *values = fault.after
         script.cycles(cycles)
         getattr(script, command)(*values)
-    if fault.told:
+    if fault.reported:
         script.wait(registers.INTERRUPT_ERROR)
     asked = {"before": script.read("FINISHED")}
     rest = timetable(config, seed, pair).end + QUIET
@@ -201,7 +214,7 @@ def _execute(
     header: dict[str, int] | None = None,
     files: tuple[str, ...] = (),
 ) -> tuple[Report, list[np.ndarray]]:
-    """Run a script; its report, and the bytes of files that it leaves."""
+    """Run a script; return its report and the bytes of the files that it writes."""
     areas = areas_of(config)
     with TemporaryDirectory(prefix="splatcore") as name:
         folder = Path(name)
@@ -214,14 +227,14 @@ def _execute(
 
 
 def _picture(config: Config, data: np.ndarray) -> np.ndarray:
-    """Rows of memory as pixels [H, W, 3]."""
+    """Convert rows of memory into pixels [H, W, 3]."""
     camera = job(config, B).camera
     rows = data.reshape(camera.height, stride(camera.width))
     return rows[:, : camera.width * PIXEL].reshape(camera.height, camera.width, PIXEL)
 
 
 def _spoil(folder: Path, areas: Areas, fields: dict[str, int]):
-    """Other values in the header of B's model."""
+    """Overwrite fields in the header of B's model."""
     memory = np.memmap(folder / "memory", np.uint8, "r+")
     header = memory[areas.region(f"model{SPOILT}").at :][: HEADER.size]
     codes = HEADER.unpack(header.reshape(1, -1))

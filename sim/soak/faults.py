@@ -1,4 +1,4 @@
-"""Random faults on random machines, each run judged by what must come of it (`fault_kinds`)."""
+"""Random faults on several machines; each outcome is checked by `fault_kinds`."""
 
 from splatcore.sim.soak.fault_kinds import KINDS, PAIR_KINDS, check_outcome, drawn
 from splatcore.sim.soak.fault_runs import run_fault
@@ -7,11 +7,11 @@ from splatcore.sim.soak.machines import MACHINES
 CHOSEN = ("tiny", "default", "4 rasterizers", "group 4", "2 sub-sorters")
 
 WAYS = [(kind, False) for kind in KINDS] + [(kind, True) for kind in PAIR_KINDS]
-"""What goes wrong, and whether another frame is in flight."""
+"""(kind of fault, whether another frame is in flight)."""
 
 
 def fault_run(seed: int, number: int) -> dict:
-    """The run of that number: its machine, kind, and under "wrong" what should not have come."""
+    """Simulate run `number`; return its machine, kind and, in "wrong", the failed check as text."""
     (kind, pair), turn = WAYS[number % len(WAYS)], number // len(WAYS)
     name = CHOSEN[turn % len(CHOSEN)]
     config, own = MACHINES[name], (seed << 20) + turn

@@ -1,7 +1,7 @@
-"""Random frames on random machines in RTL, each compared with the golden model's.
+"""Random frames on several machines in RTL, each compared with the golden model's.
 
-A run is a function of (seed, number): a machine, memory, one or two models, frames one behind the
-other with two in flight.
+A run depends on (seed, number) only: a machine, memory, one or two models, and consecutive frames,
+two of them in flight.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.scene import Scene
 
 FRAMES = 8
-"""Frames of a run."""
+"""Frames per run."""
 
 MODELS_MAX = 2
 CYCLES_MAX = 20_000_000  # of a run, after which it counts as hung
@@ -30,7 +30,11 @@ CYCLES_MAX = 20_000_000  # of a run, after which it counts as hung
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a run is made of. scenes: of the models; `used` has each frame's, by number."""
+    """Inputs of a run.
+
+    scenes, qualities: of its models
+    used: number of each frame's model
+    """
 
     machine: str
     scenes: list[Scene]
@@ -45,7 +49,7 @@ class Drawn:
 
 
 def drawn(seed: int, number: int) -> Drawn:
-    """The run of that number: machines take turns, all else is random."""
+    """Draw run `number`: machines take turns, everything else is random."""
     rng = np.random.default_rng([seed, number])
     name = list(MACHINES)[number % len(MACHINES)]
     config = MACHINES[name]
@@ -67,7 +71,7 @@ def drawn(seed: int, number: int) -> Drawn:
 
 
 def frame_run(seed: int, number: int) -> dict:
-    """Run it: its machine, frames, cycles, and under "wrong" what is not the golden model's."""
+    """Simulate run `number`; return its machine, frames, cycles and, in "wrong", a difference."""
     made = drawn(seed, number)
     try:
         run = machine(made.config).run(made.jobs, made.timing, cycles_max=CYCLES_MAX)
@@ -80,24 +84,24 @@ def frame_run(seed: int, number: int) -> dict:
 
 
 def differences(made: Drawn, run: Run) -> str:
-    """What is wrong with a run, in words; nothing if all is right."""
+    """The first difference from the golden model as text; empty if there is none."""
     if not run.done:
         return run.why
     if run.report.outside:
-        return f"memory outside of the areas: {run.why}"
+        return f"access outside the memory areas: {run.why}"
     for k, (job, rendered) in enumerate(zip(made.jobs, run.frames, strict=True)):
         golden = render(made.config, *job)
         if count := int((rendered.pixels != golden.pixels).any(axis=-1).sum()):
             return f"frame {k}: {count} of {job.camera.width * job.camera.height} pixels differ"
-        told = rendered.counters
+        counters = rendered.counters
         for name, right in counted(made.config, job.model, golden).items():
-            if name in told and told[name] != right:
-                return f"frame {k}: counter {name} is {told[name]}, not {right}"
+            if name in counters and counters[name] != right:
+                return f"frame {k}: counter {name} is {counters[name]}, not {right}"
     return ""
 
 
 def keep(folder: Path, seed: int, number: int):
-    """Write what a run is made of: a scene file for each model, cameras for all frames."""
+    """Write the inputs of a run: a scene file per model, the cameras of all frames, run.txt."""
     made = drawn(seed, number)
     folder.mkdir(parents=True, exist_ok=True)
     for k, scene in enumerate(made.scenes):

@@ -1,4 +1,4 @@
-"""The machines that random frames are rendered on: small ones, of all kinds."""
+"""Machines of the soak tests: small ones of all kinds."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,21 +6,21 @@ from functools import cache
 from splatcore.sim.machine.machine import Machine
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 
-SIDE = 80  # pixels of the largest image of a machine that is not TINY's size, nor wide
+SIDE = 80  # pixels, maximum image side of `small` machines
 
-ROWS, COLUMNS = 32, 4096  # of the wide one
+ROWS, COLUMNS = 32, 4096  # of the widest machine
 
 TREES = {"sub_sorter": "trees", "sort_digits": (3, 3, 4, 4, 4, 5)}
 
 
 @cache
 def machine(config: Config) -> Machine:
-    """A compiled machine."""
+    """Compile a machine, once per process."""
     return Machine(config)
 
 
 def small(config: Config, **changes) -> Config:
-    """A machine for small images."""
+    """A variant of a machine for small images."""
     return replace(config, width_max=SIDE, height_max=SIDE, **changes)
 
 

@@ -124,7 +124,7 @@ class Studio:
             tell(f"{GOLDEN}: {name}", pipeline.STEPS.index(name) / len(pipeline.STEPS))
 
         def make():
-            return pipeline.render(request.config, model, request.camera, tell=step)
+            return pipeline.render(request.config, model, request.camera, progress=step)
 
         return model, quality, self._once(("golden", request.config, quality), make)
 

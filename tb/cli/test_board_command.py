@@ -126,7 +126,7 @@ def test_errors_are_reported(board, scene, tmp_path, capsys, monkeypatch):
     none = changed(board, tmp_path, memory=memory | {"bytes": 1 << 15})
     check_refused(capsys, f"{words} {none}", r"150 Gaussians at 40x24 take .* MiB")
     other = changed(board, tmp_path, preset="DEFAULT")
-    differs = "PICTURE_MAX is 0x400040, of preset DEFAULT 0x4380780"
+    differs = "PICTURE_MAX is 0x400040; preset DEFAULT has 0x4380780"
     check_refused(capsys, f"{words} {other}", differs)
     assert not picture.exists()
     assert run(f"{words} {board[0]}") == 0
@@ -208,7 +208,7 @@ def test_refused(tmp_path, capsys, scene):
     (tmp_path / host.FACTS).write_text("{")
     check_refused(capsys, f"{render} {tmp_path}", "board.json: is not JSON")
     (tmp_path / host.FACTS).write_text("[]")
-    check_refused(capsys, f"{render} {tmp_path}", "board.json: is no board's")
+    check_refused(capsys, f"{render} {tmp_path}", "board.json: not a board's file")
     facts = {"preset": "TINY", "registers": 0, "baud": 9600, "memory": {}, "start": []}
     (tmp_path / host.FACTS).write_text(json.dumps(facts | {"clock_hz": 1}))
     check_refused(capsys, f"{render} {tmp_path} --size 128x10", "preset TINY renders up to 64x64")
@@ -290,7 +290,7 @@ def test_begin_aborts_a_running_frame(monkeypatch):
     monkeypatch.setattr(
         bus, "read", lambda address: 0 if address == bus.at["STATUS"] else read(address)
     )
-    with pytest.raises(InputError, match=r"bus: does not come to rest within 0\.01 s"):
+    with pytest.raises(InputError, match=r"bus: machine not ready within 0\.01 s"):
         bus.begin()
 
 

@@ -146,8 +146,8 @@ def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):
     assert failed == ["opacity_edge", "empty", "one"]
     text = capsys.readouterr().out
     assert re.search(
-        r"one: FAIL \(machine, own rule ≥ 52 dB\): 4\d\.\d\d dB against the reference under its "
-        r"rule, below 52 dB",
+        r"one: FAIL \(machine, own rule ≥ 52 dB\): 4\d\.\d\d dB against the reference with its "
+        r"own rule, below 52 dB",
         text,
     )
     assert "1 of 4 pass; not: opacity_edge, empty, one\n" in text
@@ -162,7 +162,7 @@ def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(hard_cases, "pack", careless)
     measured(tmp_path, "one", status=1)
-    assert "1 Gaussians left out for NaN or Inf, 0 of the scene" in capsys.readouterr().out
+    assert "1 Gaussians dropped for NaN or Inf, but 0 have one" in capsys.readouterr().out
 
     def infinite(*arguments):
         frame = render_reference(*arguments)

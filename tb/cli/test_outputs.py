@@ -190,5 +190,5 @@ def test_a_campaign_without_a_result_leaves_none(tmp_path, monkeypatch, capsys):
     assert run("bench work cut.ply -o wk --size 32x32") == 2
     printed = capsys.readouterr()
     why, end = printed.err.splitlines()
-    assert not printed.out and "cut.ply" in why and end == "error: work: nothing could be measured"
+    assert not printed.out and "cut.ply" in why and end == "error: work: all measurements failed"
     assert not Path("wk").exists()

@@ -74,7 +74,7 @@ BAD = {
     "error scene.ply --width wide": "'wide'.*7/16",
     "error empty": "empty: no Gaussian is visible",
     "error scene.ply --stage roof": "--stage 'roof'",
-    "error --scenes none": "--scenes none: there is no such folder",
+    "error --scenes none": "--scenes none: no such folder",
     "error --camera cameras.json --scenes .": "--camera: goes with a SCENE",
     "error scene.ply --scenes .": r"--scenes \.: name a folder or a SCENE",
     "error scene.ply none.ply": r"none\.ply: No such file",
@@ -134,7 +134,7 @@ BAD = {
     "render scene.ply --engine rtl --window 1:2 -o a.png": "--waves",
     f"{WAVES} --window 2": "--window '2'",
     "render scene.ply --engine rtl --scope top -o a.png": "--scope: goes with --waves",
-    "render scene.ply --engine rtl --waves w.ghw --window 1:2 -o a.png": "w.ghw: does not end with",
+    "render scene.ply --engine rtl --waves w.ghw --window 1:2 -o a.png": "w.ghw: must end in",
     "render scene.ply --scope top -o a.png": "--scope: goes with --engine rtl",
     "render scene.ply --waves-max 9 -o a.png": "--waves-max: goes with --engine rtl",
     f"{WAVES} --tile 1,0": "--tile 1,0.*9x9",
@@ -184,7 +184,7 @@ def test_bad_input(unchanged, capsys, arguments):
 )
 def test_without_torch(unchanged, monkeypatch, capsys, arguments):
     monkeypatch.setattr(compression_run, "find_spec", lambda name: None)
-    message = r"needs PyTorch; install it by pip install 'splatcore\[compress\]'"
+    message = r"needs PyTorch: pip install 'splatcore\[compress\]'"
     check_refused(capsys, arguments, message)
 
 

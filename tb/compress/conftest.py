@@ -11,7 +11,7 @@ PLAIN = ("test_checkpoint.py", "test_prune.py")  # files of tests that run witho
 
 
 class WithTorch(pytest.Module):
-    """A file of tests that need PyTorch: skipped where there is none."""
+    """A test file that needs PyTorch: skipped if it is not installed."""
 
     def collect(self):
         pytest.importorskip("torch")

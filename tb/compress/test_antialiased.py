@@ -1,4 +1,4 @@
-"""Scenes trained with antialiasing: every step renders them compensated and keeps their mark."""
+"""Compressing and training antialiased scenes: each step renders compensated and keeps the mark."""
 
 from dataclasses import replace
 
@@ -25,13 +25,13 @@ MARK = "by its file"
 
 @pytest.fixture(scope="module")
 def marked(scene):
-    """Much of it is smaller than a pixel of SIZE: drawn uncompensated it is 23 dB."""
+    """The scene with the mark, mostly smaller than a pixel: uncompensated it renders at 23 dB."""
     return replace(scene, scale=0.3 * scene.scale, name="marked", antialiased=True, mark=MARK)
 
 
 @pytest.fixture
 def compensated(monkeypatch):
-    """Whether opacities were compensated, of every picture that is drawn."""
+    """One flag per rendered picture: whether its opacities were compensated."""
     flags, right = [], drawn.Drawn.__init__
 
     def recorded(self, arrays, camera, convention, antialiased):
@@ -52,7 +52,7 @@ def test_own_pictures_are_those_of_the_reference(marked, cameras):
 
 
 def test_weights_are_those_of_compensated_splats(marked, cameras):
-    """What is too small to be seen weighs nothing, and goes first."""
+    """Gaussians that compensation makes invisible weigh nothing, and are pruned first."""
     small = marked.scale.copy()
     small[:50] *= 1e-3
     dust = replace(marked, scale=small)
@@ -68,7 +68,7 @@ def test_weights_are_those_of_compensated_splats(marked, cameras):
 
 @pytest.mark.parametrize("degree, order", [(1, "distill-first"), (2, "prune-first")])
 def test_compression(marked, checkpoints, compensated, degree, order):
-    """Models in codebooks and in steps: each picture on the way to them is compensated."""
+    """In codebooks and in steps: every picture on the way to the model is compensated."""
     targets = teacher_targets(marked, 6, SIZE, 0)
     recipe = replace(RECIPE, degree=degree, order=order)
     steps = list(compress(marked, targets, recipe, checkpoints))
@@ -90,13 +90,14 @@ def test_compression_of_a_scene_without_the_mark(scene, targets, checkpoints, co
 
 
 def test_tensors_know_no_mark(marked):
+    """The mark comes from the scene given to `scene_of`, or is absent."""
     back = scene_of(tensors_of(marked), marked)
     assert (back.antialiased, back.mark, back.name) == (True, MARK, "marked")
     assert not scene_of(tensors_of(marked)).antialiased
 
 
 def test_training(marked, compensated, tmp_path):
-    """The scene is marked, and a state is not taken for one of the other kind."""
+    """Every picture is compensated, and the scene is marked."""
     views = surrounding_views(marked.gaussians(), 3, 48, 32)
     photographs = list(pictures(marked, views))
     colour = np.clip(marked.sh[:, 0] * SH_C0 + 0.5, 0, 1) * 255
@@ -109,6 +110,7 @@ def test_training(marked, compensated, tmp_path):
 
 
 def test_state_of_training_of_the_other_kind(marked, tmp_path, monkeypatch):
+    """A state of antialiased training is refused by training without it."""
     monkeypatch.setattr("splatcore.model.compress.train.KEEP_EVERY", 2)
     photographs = list(pictures(marked, surrounding_views(marked.gaussians(), 2, 32, 24)))
     points = marked.position[::9], np.full((len(marked.position[::9]), 3), 128, np.uint8)

@@ -1,4 +1,4 @@
-"""Steps of a compression: kept whole, found again, and told from broken ones."""
+"""Steps of a compression: saved whole, found again, refused if broken or foreign."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ SCENE = replace(random_scene(40, 3), name="cube")
 
 @pytest.fixture
 def kept(tmp_path):
-    """A folder with three steps, and its key."""
+    """Checkpoints with three steps."""
     kept = Checkpoints(tmp_path / "a" / "run", "cube, 7 steps")
     kept.save("original", "original", SCENE)
     kept.save("prune 0.4 (2)", "prune", SCENE[:24], 1.5, 0.25)
@@ -57,7 +57,7 @@ def test_steps_are_found_again(kept):
 
 
 def test_the_mark_is_kept(tmp_path):
-    """A file without one, as folders of earlier versions have them, holds an unmarked scene."""
+    """Files of earlier versions have no mark: they hold an unmarked scene."""
     kept = Checkpoints(tmp_path, "key")
     marked = replace(SCENE, antialiased=True, mark="by its file")
     first, second = (kept.save(name, "original", scene) for name, scene in
@@ -98,9 +98,9 @@ def test_missing_and_exchanged_files_are_named(kept):
     second.write_bytes(first.read_bytes())
     first.write_bytes(third.read_bytes())
     pack(SCENE[:23], TINY)[0].image.tofile(third)
-    whats = ("is not a step's scene", "is not the scene of step", "is not the model of step")
-    for step, what in zip(kept.steps, whats, strict=True):
-        with pytest.raises(InputError, match=f"{step.file}: {what}"):
+    messages = ("is not a step's scene", "is not the scene of step", "is not the model of step")
+    for step, message in zip(kept.steps, messages, strict=True):
+        with pytest.raises(InputError, match=f"{step.file}: {message}"):
             kept.load(step)
     third.unlink()
     with pytest.raises(InputError, match=r"02-quantize.splatcore"):
@@ -139,7 +139,7 @@ def test_a_step_is_kept_once_and_with_a_number_for_its_loss(kept, name, loss):
 
 
 def test_what_cannot_be_written_leaves_the_steps(kept):
-    """A failure between the step's file and the list of steps loses the step, not the list."""
+    """If writing a step fails before the list is updated, only that step is lost."""
     (kept.folder / ".part.npz").mkdir()
     with pytest.raises(InputError, match=r"run: cannot be written"):
         kept.save("new", "original", SCENE)

@@ -1,4 +1,4 @@
-"""What a model shall be: degree, quality and number of Gaussians by trials, and targets."""
+"""Choice of a model's degree, quality and number of Gaussians: trials, and targets to reach."""
 
 from dataclasses import replace
 
@@ -24,13 +24,13 @@ def trials(scene, targets, config=DEFAULT, speed=None, **changes) -> Trials:
 
 
 def speed(model, cameras) -> float:
-    """A machine that needs 1,000 cycles for each Gaussian."""
+    """Frames per second of a machine that needs 1,000 cycles per Gaussian at 800 MHz."""
     assert len(cameras) == 3
     return 8e5 / len(model)
 
 
 def test_degree_follows_what_harmonics_are_worth(scene):
-    """At the same size: none where there are none to speak of, all where colours turn much."""
+    """At equal size: degree 0 for negligible harmonics, 2 or 3 for strong ones."""
     rng = np.random.default_rng(0)
     for strength, degrees in ((0.0, {0}), (0.4, {2, 3})):
         sh = scene.sh.copy()
@@ -49,7 +49,7 @@ def test_degree_follows_what_harmonics_are_worth(scene):
 
 
 def test_a_size_is_reached_by_one_pruning(scene, targets, checkpoints):
-    """With the steps of all that the schedule has; without a target there are all of these."""
+    """With a target: one pruning, with all steps of the schedule. Without: the schedule."""
     recipe = replace(RECIPE, target_ratio=20.0)
     found = decide(scene, targets, recipe, checkpoints)
     assert len(recipe.schedule) == 2 and len(found.schedule) == 1
@@ -60,6 +60,7 @@ def test_a_size_is_reached_by_one_pruning(scene, targets, checkpoints):
 
 
 def test_lower_degree_of_two_that_are_as_good():
+    """Within 0.1 dB of the best trial, the lowest degree wins."""
     rows = [
         Trial(degree, "compact", 9, 100 - degree, db)
         for degree, db in ((0, 30.1), (1, 30.35), (2, 30.44), (3, 30.4))
@@ -69,7 +70,7 @@ def test_lower_degree_of_two_that_are_as_good():
 
 
 def test_steps_learn_more_where_harmonics_are_worth_something():
-    """A model in steps may be a little behind one in codebooks before both learn."""
+    """In a trial, before fine-tuning, a model in steps may be a little behind one in codebooks."""
 
     def chosen(none: float, codebooks: float, steps: float) -> str:
         rows = (0, "compact", none), (1, "small", codebooks), (3, "balanced", steps)
@@ -82,14 +83,14 @@ def test_steps_learn_more_where_harmonics_are_worth_something():
 
 
 def test_learning_never_loses(scene, targets, checkpoints):
-    """Where next to nothing is lost by pruning, fine-tuning from it would: it is left out."""
+    """Fine-tuning that makes the pictures worse, here by a huge learning rate, is dropped."""
     bad = replace(RECIPE, degree=3, quality="faithful", schedule=(0.28,), steps=30, rate=10.0)
     *_, step = compress(scene, targets, bad, checkpoints)
     assert decibels(checkpoints.load(step).gaussians(), targets) > 50
 
 
 def test_only_what_the_machine_reads(scene, targets):
-    """And only the degree that is asked for."""
+    """Trials cover packings that the machine reads, of the degree and quality given, if any."""
     compact = [(0, "compact"), (1, "compact")]
     indexed = [(0, "small"), (0, "compact"), (1, "small"), (1, "compact")]
     every = [*indexed, (2, "balanced"), (3, "balanced"), (3, "faithful")]
@@ -103,7 +104,7 @@ def test_only_what_the_machine_reads(scene, targets):
 
 
 def test_harmonics_that_stay_stand_for_those_that_go(scene):
-    """By least squares over the views: nearer than harmonics that are cut off."""
+    """Lower harmonics, fitted to the views by least squares, beat truncated ones."""
     sh = np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1)
     strong = replace(scene, sh=sh)
     seen = teacher_targets(strong, 6, SIZE, 0)
@@ -113,7 +114,7 @@ def test_harmonics_that_stay_stand_for_those_that_go(scene):
 
 
 def test_room(scene, targets):
-    """A model is never larger than the room, and one Gaussian more would be."""
+    """A model never exceeds the room, and eight more Gaussians would."""
     found = trials(scene, targets)
     compact, steps = (model_format(DEFAULT, d) for d in (0, 1)), step_format(DEFAULT, 3)
     small = model_format(DEFAULT, 1, small=True)
@@ -143,8 +144,8 @@ def test_bytes(scene, targets, checkpoints):
         list(compress(scene, targets, few, Checkpoints(checkpoints.folder / "few", "")))
 
 
-def test_frames_a_second(scene, targets, checkpoints):
-    """No more goes than has to; a scene that became slower by learning is pruned further."""
+def test_frames_per_second(scene, targets, checkpoints):
+    """Pruning stops at the target; if fine-tuning made the scene slower, it is pruned further."""
     recipe = replace(RECIPE, target_fps=2000.0)
     steps = list(compress(scene, targets, recipe, checkpoints, speed=speed))
     assert 330 < steps[-1].gaussians <= 400
@@ -172,7 +173,7 @@ def test_fast_enough_as_it_is(scene, targets):
 
 
 def test_psnr(scene, targets, checkpoints):
-    """It is kept on what was not learned from; a smaller model than all Gaussians is enough."""
+    """The target holds on held-out views, with fewer Gaussians than in the scene."""
     recipe = replace(RECIPE, target_psnr=27.0, steps=20, quantize_steps=20)
     *_, step = compress(scene, targets, recipe, checkpoints)
     assert decibels(checkpoints.load(step).gaussians(), targets[:: compress_module.ASIDE]) >= 27
@@ -186,12 +187,12 @@ def test_psnr(scene, targets, checkpoints):
     "wanted,slope,tried",
     [
         (27.0, 3.0, [392, 185]),  # the slope is as expected
-        (27.0, 5.0, [392, 185, 305]),  # too few, and not searched for ever
-        (32.9, 3.0, [392, 700]),  # the first has too few
+        (27.0, 5.0, [392, 185, 305]),  # 185 are too few; the search ends after one more
+        (32.9, 3.0, [392, 700]),  # 392 are too few
     ],
 )
 def test_search_for_psnr(scene, targets, monkeypatch, wanted, slope, tried):
-    """By what the last model had; the smallest that has the PSNR is the last one."""
+    """The last PSNR decides the next count; the last model is the smallest that is good enough."""
 
     class Fake(Compression):
         def before_pruning(self, scene):
@@ -208,12 +209,12 @@ def test_search_for_psnr(scene, targets, monkeypatch, wanted, slope, tried):
             yield len(scene)
             return scene
 
-    def named(gaussians, aside) -> float:
+    def fake_decibels(gaussians, aside) -> float:
         assert len(aside) == 2
         return 30.5 + slope * np.log2(len(gaussians.opacity) / 392)
 
     found = []
-    monkeypatch.setattr(compress_module, "decibels", named)
+    monkeypatch.setattr(compress_module, "decibels", fake_decibels)
     work = Fake(targets, RECIPE, None, DEFAULT, nothing)
     work.checkpoints = type("", (), {"find": lambda self, name: name})()
     *_, last = work.reaching(scene, wanted)
@@ -231,6 +232,7 @@ def test_a_smaller_target_takes_fewer_bytes(scene, targets):
 
 
 def test_what_was_chosen_stands(scene, targets, checkpoints, monkeypatch):
+    """A second run takes the choice from the folder and tries nothing."""
     recipe = replace(RECIPE, target_ratio=10.0)
     first = decide(scene, targets, recipe, checkpoints)
     assert first.degree is not None and first.target_ratio is None and first.schedule
@@ -243,6 +245,7 @@ def test_what_was_chosen_stands(scene, targets, checkpoints, monkeypatch):
 
 
 def test_merged_once_for_all(scene, targets):
+    """Each count is merged once, and its scene kept."""
     found = trials(scene, targets)
     sizes = [len(found.merged(count)) for count in (600, 300, 450, 300, 700)]
     assert sizes == [600, 300, 450, 300, 700] and len(found.levels) == 4

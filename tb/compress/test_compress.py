@@ -1,4 +1,4 @@
-"""Compression, from a scene to a packed model: each step, and all of them on a generated scene."""
+"""Compression from a scene to a packed model: single steps, and whole runs on a generated scene."""
 
 from dataclasses import replace
 from itertools import islice
@@ -37,7 +37,7 @@ FIRST = replace(RECIPE, degree=1)
 
 @pytest.fixture(scope="module")
 def finished(scene, targets, tmp_path_factory):
-    """The folder of a whole compression."""
+    """Checkpoints of a complete compression."""
     folder = tmp_path_factory.mktemp("whole") / "steps"
     checkpoints = Checkpoints(folder, "key")
     assert tuple(compress(scene, targets, FIRST, checkpoints)) == checkpoints.steps
@@ -57,8 +57,8 @@ def test_steps(scene, finished):
     assert all(np.isfinite(step.loss) for step in steps[1:])
 
 
-def test_as_the_paper_has_it(scene, targets, checkpoints):
-    """Pruning first, harmonics afterwards."""
+def test_order_of_the_paper(scene, targets, checkpoints):
+    """prune-first: pruning, then distilling harmonics."""
     recipe = replace(FIRST, order="prune-first")
     steps = list(islice(compress(scene, targets, recipe, checkpoints), 5))
     names = [step.name for step in steps]
@@ -67,7 +67,7 @@ def test_as_the_paper_has_it(scene, targets, checkpoints):
 
 
 def test_the_machine_renders_it(finished):
-    """The packed model is any packed model: the golden machine draws what the reference draws."""
+    """The golden model draws the compressed model like the reference, at over 45 dB."""
     model = finished.load(finished.last)
     camera = generated_camera("garden").resized(*SIZE)
     exact = reference(model.gaussians(), camera).pixels.astype(float)
@@ -78,7 +78,7 @@ def test_the_machine_renders_it(finished):
 
 
 def test_goes_on_where_it_stopped(scene, targets, finished, tmp_path):
-    """Stopped after every step, it ends with the same model as without a stop."""
+    """Stopped after every step, a run ends with the same model as without stops."""
     for count, wanted in enumerate(finished.steps, 1):
         checkpoints = Checkpoints(tmp_path / "steps", "key")
         *_, step = islice(compress(scene, targets, FIRST, checkpoints), count)
@@ -108,7 +108,7 @@ def test_a_ratio_that_packing_alone_gives(scene, targets, checkpoints):
 
 
 def test_nan_in_the_loss(scene, targets, checkpoints, monkeypatch):
-    """Stops, says at which step, and what was done before stays."""
+    """The run stops, names the step, and keeps the steps before it."""
     calls = []
     right = finetune_module.difference
 
@@ -139,7 +139,7 @@ def test_nothing_to_see(scene, targets, tmp_path):
 
 
 def test_significance(scene, cameras):
-    """Of a Gaussian hidden by another, and of one outside, nothing is left; views add up."""
+    """Almost none for a hidden Gaussian, none behind the camera; views add up."""
     found = significance(scene, cameras)
     assert found.shape == (len(scene),) and (found >= 0).all() and found.any()
     parts = [significance(scene, [camera]) for camera in cameras]
@@ -174,7 +174,7 @@ def test_views_in_turn():
 
 
 def test_all_views_before_one_comes_again():
-    """However many there are, also after the laps of one order."""
+    """Each lap shows every view once, also after the laps of one order."""
     views = views_in_turn(list(range(500)), 0)
     laps = [[next(views) for _ in range(500)] for _ in range(LAPS + 1)]
     assert all(sorted(lap) == list(range(500)) for lap in laps)
@@ -216,7 +216,7 @@ def test_finetuning_helps(scene, targets):
 
 
 def test_learning_rates_rise_then_fall():
-    """From a tenth to the whole in ten steps, and down to the share that is to be left."""
+    """From a tenth to the full rate in ten steps, then down to the share `left`."""
     for left in (0.3, 0.02):
         leaves = {name: torch.zeros(1, requires_grad=True) for name in ("means", "scales")}
         adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
@@ -237,8 +237,8 @@ def test_learning_rates_rise_then_fall():
 
 @pytest.mark.parametrize(("degree", "wanted"), [(1, (0.3, 0.3)), (2, (0.03, 0.2))])
 def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, degree, wanted):
-    """Under a small model's numbers they begin where fine-tuning leaves them; before those of a
-    model in steps learning comes to rest, and begins again."""
+    """In codebooks, quantisation starts at the rate where fine-tuning ends. In steps, fine-tuning
+    decays almost to 0 and quantisation starts again at a fifth."""
     seen, learn = {}, finetune_module.optimise
 
     def noted(optimizers, steps, loss_of, tell, what, left, kept):
@@ -257,7 +257,7 @@ def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, 
 
 
 def test_positions_learn_in_sizes_of_the_gaussians(scene, targets, checkpoints, monkeypatch):
-    """Half of their middle scales are below the unit of the positions' learning rate."""
+    """The unit of the positions' rate is the median of the Gaussians' middle scales."""
     units, make = [], trainable.optimizers
 
     def noted(tensors, unit, *others):
@@ -272,7 +272,7 @@ def test_positions_learn_in_sizes_of_the_gaussians(scene, targets, checkpoints, 
 
 
 def test_rendered_parameters(scene):
-    """Tensors of a scene and back: the same scene to float32."""
+    """A scene converted to tensors and back is the same scene, to float32."""
     kept = sound(scene)
     back = scene_of(tensors_of(kept))
     for name in ARRAYS:

@@ -1,4 +1,4 @@
-"""The differentiable renderer against a dense one by torch, finite differences, the reference."""
+"""The differentiable renderer against a dense one in torch, finite differences, the reference."""
 
 from dataclasses import replace
 
@@ -16,10 +16,10 @@ from tb.helpers.dense_splatting import PARAMETERS, dense_render
 from tb.helpers.splatting_scenes import CASES, loss, scene, tensors, view
 
 EXACT = 3e-8
-"""Float64, relatively: the kernels' exponential is within 4e-10; 1.7e-8 is the worst seen, where
-the terms of a sum over pixels cancel."""
+"""Relative error in float64: the kernels' exponential is within 4e-10; 1.7e-8 is the worst seen,
+where terms of a sum over pixels cancel."""
 
-SINGLE = 1e-4  # float32, relatively: needles reach 3.4e-5, the rest 1e-5
+SINGLE = 1e-4  # relative error in float32: needles reach 3.4e-5, the rest 1e-5
 
 BACKGROUND = (0.125, 0.25, 0.5)
 
@@ -27,13 +27,13 @@ REACHED = {
     "opaque": "opaque", "dark": "dark", "slanted": "slanted", "faint": "faint", "ended": "ended",
     "one pixel": "slanted",
 }  # fmt: skip
-"""The clamp or threshold that a scene is about."""
+"""Clamp or threshold that each scene must reach."""
 
 
 def gradients(
     arrays, camera, kind=torch.float64, convention=SPLATCORE, renderer=render, antialiased=False
 ):
-    """The picture, and the gradients of its loss by name."""
+    """Render; return the picture and the gradients of its loss by name."""
     leaves = tensors(arrays, kind, gradient=True)
     found = renderer(**leaves, camera=camera, convention=convention, antialiased=antialiased)
     loss(found).backward()
@@ -41,10 +41,10 @@ def gradients(
 
 
 def check_against_dense(arrays, camera, convention=SPLATCORE, antialiased=False):
-    """Picture and gradients are the dense renderer's; returns both renderers' results."""
-    how = {"convention": convention, "antialiased": antialiased}
-    dense, wanted = gradients(arrays, camera, renderer=dense_render, **how)
-    found, gradient = gradients(arrays, camera, **how)
+    """Check picture and gradients against the dense renderer; return both renderers' results."""
+    options = {"convention": convention, "antialiased": antialiased}
+    dense, wanted = gradients(arrays, camera, renderer=dense_render, **options)
+    found, gradient = gradients(arrays, camera, **options)
     assert float((found.image - dense.image).detach().abs().max()) < EXACT, convention
     for key in PARAMETERS:
         assert worst(gradient[key], wanted[key]) < EXACT, (convention, key)
@@ -77,8 +77,8 @@ def test_equals_the_dense_renderer(name, antialiased):
 @pytest.mark.slow
 @pytest.mark.parametrize("name, antialiased", CASES)
 def test_finite_differences(name, antialiased):
-    """Central ones of every parameter; steps of 3e-6 of the largest of its kind, and finer ones
-    where a needle's thickness decides on its opacity."""
+    """Gradients against central differences of every parameter; steps are 3e-6 of its largest
+    value, finer if a needle's thickness decides its opacity."""
     arrays, camera, _ = scene(name, antialiased)
     _, gradient = gradients(arrays, camera, antialiased=antialiased)
     for key in PARAMETERS:
@@ -100,7 +100,7 @@ def test_finite_differences(name, antialiased):
 
 
 def test_other_conventions():
-    """Every number of a convention is used."""
+    """Every field of a convention has an effect, the same as in the dense renderer."""
     arrays, camera, _ = scene("ordinary")
     plain, _ = gradients(arrays, camera)
     for change in (
@@ -116,7 +116,7 @@ def test_other_conventions():
 
 
 def invisible(kind: str, arrays: dict, camera) -> None:
-    """Take Gaussian 0 out of the picture, just so."""
+    """Move Gaussian 0 just out of view, or make it just too faint."""
     point = arrays["position"][0] @ camera.rotation.T + camera.translation
     if kind == "near":
         point *= NEAR_PLANE * (1 - 1e-9) / point[2]
@@ -157,10 +157,10 @@ def test_nothing_visible(count):
 
 
 AT_THRESHOLDS = {"opacity_edge": 64, "transmittance_edge": 64}
-"""Hard cases with values exactly at a threshold: pixels that may decide otherwise (45 do)."""
+"""Hard cases with values exactly at a threshold: pixels that may differ (45 do)."""
 
 IN_SINGLE = {"swinging_harmonics": 1}
-"""The same of float32 alone: an alpha so near to 1/255 that its rounding decides."""
+"""The same in float32 only: an alpha close to 1/255, decided by its rounding."""
 
 
 @pytest.mark.parametrize("antialiased", [False, True])
@@ -172,7 +172,7 @@ def test_picture_of_the_reference(name, antialiased):
         camera = camera.resized(133, 75)
     gaussians = replace(made.gaussians(), antialiased=antialiased)
     arrays = [gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh]
-    if name == "not_finite":  # they are the reader's to drop
+    if name == "not_finite":  # the reader drops such Gaussians
         sound = np.all([np.isfinite(a).reshape(len(a), -1).all(1) for a in arrays], axis=0)
         arrays = [a[sound] for a in arrays]
     wanted = reference(gaussians, camera)
@@ -180,22 +180,22 @@ def test_picture_of_the_reference(name, antialiased):
     error = np.abs(found.image.numpy() - wanted.image).max(2)
     error = np.maximum(error, np.abs(found.transmittance.numpy() - wanted.transmittance))
     assert (error > EXACT).sum() <= AT_THRESHOLDS.get(name, 0) and error.max() < ALPHA_MIN
-    if antialiased:  # splats whose ellipse lies between pixel centres, which the reference drops
+    if antialiased:  # the reference drops splats that reach no pixel centre
         assert len(found.visible) >= wanted.counts["visible"]
     else:
         assert len(found.visible) == wanted.counts["visible"]
-    if name == "near_plane":  # in float32 they are on its other side
+    if name == "near_plane":  # in float32 they are on the other side
         return
     arrays = (torch.tensor(a, dtype=torch.float32) for a in arrays)
     single = render(*arrays, camera, antialiased=antialiased)
     error = np.abs(single.image.numpy() - wanted.image).max(2)
-    most = {"far_from_origin": 1e-2}.get(name, SINGLE)  # positions of many digits
+    most = {"far_from_origin": 1e-2}.get(name, SINGLE)  # positions need more digits
     others = (AT_THRESHOLDS | IN_SINGLE).get(name, 0)
     assert (error > most).sum() <= others and error.max() < 1e-2
 
 
 def gaussians_of(arrays, antialiased: bool = False) -> Gaussians:
-    """The Gaussians that the parameters are."""
+    """The Gaussians of the parameter arrays."""
     return Gaussians(*(arrays[key] for key in PARAMETERS[:4]), antialiased)
 
 
@@ -223,7 +223,7 @@ def test_arrangement_in_memory_does_not_matter():
         leaves[key] = turned.detach().requires_grad_()
         assert len(array) == 1 or not leaves[key].is_contiguous()
     found = render(**leaves, camera=camera)
-    turned = torch.empty(37, 21, 3, dtype=torch.float64).transpose(0, 1)  # a gradient so arranged
+    turned = torch.empty(37, 21, 3, dtype=torch.float64).transpose(0, 1)  # transposed in memory
     generator = np.random.default_rng(1)
     turned[:] = torch.tensor(generator.normal(size=found.image.shape))
     rest = torch.tensor(generator.normal(size=found.transmittance.shape))

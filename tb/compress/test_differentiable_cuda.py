@@ -1,7 +1,7 @@
-"""The call of gsplat on a CUDA device.
+"""The call of gsplat for a CUDA device.
 
-Its rasterizer needs one, so a stand-in takes its place: it has gsplat's signature and reads all it
-is given, and draws with the CPU's kernels. What the real one draws is not tested here.
+gsplat's rasterizer needs such a device, so a stand-in replaces it: it has the same signature, uses
+all arguments, and renders with the CPU's kernels. gsplat's own pictures are not tested here.
 """
 
 import inspect
@@ -21,7 +21,7 @@ REAL = inspect.signature(gsplat.rasterization)
 
 
 def stand_in(*arguments, **options):
-    """gsplat.rasterization, one camera, not packed, covariances instead of scales."""
+    """gsplat.rasterization for one camera, not packed, with covariances instead of scales."""
     call = REAL.bind(*arguments, **options)
     call.apply_defaults()
     given = call.arguments
@@ -49,7 +49,7 @@ def stand_in(*arguments, **options):
 
 @pytest.mark.parametrize("degree, antialiased", [(0, False), (1, False), (1, True), (3, False)])
 def test_the_call(monkeypatch, degree, antialiased):
-    """Picture, transmittance, visible ones and the centres' gradients are the CPU's."""
+    """Picture, transmittance, visible Gaussians and centres' gradients equal the CPU's."""
     monkeypatch.setattr(gsplat, "rasterization", stand_in)
     gaussians = random_scene(40, degree).gaussians()
     camera = look_at(np.array([0.3, -1.0, -5.0]), np.zeros(3), 50, 40, 45.0)
@@ -57,11 +57,11 @@ def test_the_call(monkeypatch, degree, antialiased):
     tensors = [torch.tensor(array) for array in arrays]
     wanted = np.random.default_rng(0).random((40, 50, 3))
     found = []
-    for how in (render, None):
+    for renderer in (render, None):
         centre = torch.zeros((1, 40, 2), dtype=torch.float64, requires_grad=True)
-        shift = centre[0]  # as in training: a part of what has the gradient
-        if how:
-            drawn = how(*tensors, camera, shift, antialiased=antialiased)
+        shift = centre[0]  # as in training: a view of the tensor that has the gradient
+        if renderer:
+            drawn = renderer(*tensors, camera, shift, antialiased=antialiased)
             image, rest, visible = drawn.image, drawn.transmittance, drawn.visible
         else:
             image, rest, visible = _render_cuda(*tensors, camera, shift, SPLATCORE, antialiased)

@@ -1,4 +1,4 @@
-"""From where views look, and slopes that are nearest as they see them."""
+"""Directions in which views see each Gaussian, and the slopes nearest in these directions."""
 
 from dataclasses import replace
 
@@ -30,6 +30,7 @@ def rays(scene, cameras) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_directions(seen, rays):
+    """Weighted mean and variance of the directions, against numpy."""
     for mean, variance, ray, weight in zip(seen.mean, seen.variance, *rays, strict=True):
         if not weight.any():
             assert not mean.any() and np.allclose(variance, ELSEWHERE * np.eye(3))
@@ -41,6 +42,7 @@ def test_directions(seen, rays):
 
 
 def test_a_gaussian_in_a_camera(scene, cameras):
+    """A Gaussian at a camera's position has no direction there, and still finite results."""
     position = scene.position.copy()
     position[3] = cameras[0].position
     found = directions_of(replace(scene, position=position), cameras)
@@ -48,7 +50,7 @@ def test_a_gaussian_in_a_camera(scene, cameras):
 
 
 def test_nearest_is_nearest_in_colour(seen, rays):
-    """By the colours in all directions, about their mean: what c cannot make up for."""
+    """Least squared error of colours about their mean, which the constant term can absorb."""
     rng = np.random.default_rng(0)
     ray, weight = rays
     slopes, entries = rng.normal(0, 1, (len(ray), 9)), rng.normal(0, 1, (16, 9))
@@ -63,7 +65,7 @@ def test_nearest_is_nearest_in_colour(seen, rays):
 
 
 def test_colours_make_up_for_slopes(seen, rays):
-    """The mean colour over the views is what it was."""
+    """The constant term absorbs lost slopes: the mean colour over the views does not change."""
     rng = np.random.default_rng(1)
     colours, missing = rng.random((len(seen.mean), 3)), rng.normal(0, 1, (len(seen.mean), 9))
     made_up = seen.made_up(colours, missing)
@@ -78,14 +80,13 @@ def test_colours_make_up_for_slopes(seen, rays):
 
 
 def on_a_line(camera: Camera) -> list[Camera]:
-    """Eight cameras to its left and right."""
+    """Eight cameras on a line from left to right through this one."""
     steps = np.outer(np.linspace(-2, 2, 8), (1, 0, 0))
     return [replace(camera, translation=camera.translation + step) for step in steps]
 
 
-def test_models_look_better_so(scene):
-    """Than with nothing made up, by far, and than with the slopes that are nearest in all
-    directions."""
+def test_directions_improve_models(scene):
+    """Absorbing lost slopes gains over 5 dB, nearest slopes by view directions 0.1 dB more."""
     sh = np.random.default_rng(0).normal(0, 0.3, (len(scene), 4, 3))
     sh[:, 0] = scene.sh[:, 0]
     strong = replace(scene, sh=sh)
@@ -98,5 +99,5 @@ def test_models_look_better_so(scene):
         found.append(decibels(work.packed().gaussians(), shown))
         wanted = colours_beside(work.harmonics, strong, each)
         off = work.colour.decode().detach().numpy() - wanted
-        assert off.std() < 0.04 * wanted.std()  # first entries for colours without: 0.06
+        assert off.std() < 0.04 * wanted.std()  # 0.06 with entries for the colours as they were
     assert found[0] > found[1] + 0.1 and min(found[:2]) > max(found[2:]) + 5

@@ -1,4 +1,4 @@
-"""Compression to a loss that is kept on views which it does not learn from."""
+"""Compression with `--max-drop`: the allowed loss holds on views that it does not learn from."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from tb.helpers.compression_scene import RECIPE, nothing
 
 @pytest.fixture
 def noisy(targets):
-    """Photographs, which are not what the scene draws."""
+    """Photographs: pictures of the scene with noise that it cannot reproduce."""
     rng = np.random.default_rng(0)
     photographs = []
     for each in targets:
@@ -27,7 +27,8 @@ def noisy(targets):
 
 
 def test_max_drop(scene, targets, noisy, checkpoints, tmp_path):
-    """The loss on what is kept aside is kept, and something was pruned."""
+    """The loss on held-out views keeps to the limit, with pruning; an impossible limit is
+    refused."""
     recipe = replace(RECIPE, max_drop=3.0, steps=20, quantize_steps=20)
     *_, step = compress(scene, noisy, recipe, checkpoints)
     aside = noisy[:: compress_module.ASIDE]
@@ -40,13 +41,13 @@ def test_max_drop(scene, targets, noisy, checkpoints, tmp_path):
 
 
 def test_pruning_ends_where_rates_remove_nothing(scene, noisy, checkpoints):
-    """A drop that any model is within: as few Gaussians stay as the smallest rate can remove of."""
+    """Under a limit that never binds, pruning ends when the smallest rate removes no Gaussian."""
     recipe = replace(RECIPE, degree=1, max_drop=60.0, steps=1, quantize_steps=1, distill_steps=0)
     assert min(step.gaussians for step in compress(scene, noisy, recipe, checkpoints)) < 5
 
 
-def test_what_is_kept_aside_is_not_learned_from(scene, targets, checkpoints, monkeypatch):
-    """Every seventh view, the first among them, is seen by no fine-tuning and no significance."""
+def test_held_out_views_are_not_learned_from(scene, targets, checkpoints, monkeypatch):
+    """No fine-tuning sees every seventh view, the first one included."""
     seen = set()
     right = compress_module.finetune
 
@@ -62,7 +63,7 @@ def test_what_is_kept_aside_is_not_learned_from(scene, targets, checkpoints, mon
 
 
 def test_significance_is_remembered(scene, targets, cameras, monkeypatch):
-    """Of the last scene only, and it is that of the training views."""
+    """The last scene's significance is cached; it covers at most WEIGHED training views."""
     work = Compression(targets, RECIPE, None, DEFAULT, nothing)
     wanted = significance(scene, cameras)
     for _ in range(2):

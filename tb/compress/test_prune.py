@@ -1,4 +1,4 @@
-"""Pruning: which Gaussians go, and what those that stay take in."""
+"""Pruning: which Gaussians are removed, and how the remaining ones absorb them."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def test_broken_gaussians_are_left_out(garden):
 
 
 def test_prune(garden):
-    """So many go; those that take nothing in stay as they are, in their order."""
+    """The share is exact; Gaussians that absorb no other keep their values and order."""
     weight = np.random.default_rng(0).random(len(garden)) + 0.1
     kept = prune(garden, weight, 0.25)
     assert len(kept) == len(garden) - round(0.25 * len(garden))
@@ -38,7 +38,7 @@ def test_prune(garden):
 
 
 def test_the_cheapest_pairs():
-    """Close by, of like colour, of little weight: each alone decides."""
+    """Distance, weight, colour and size each decide alone which pair is merged first."""
     six = random_scene(6, 0)
     place = np.zeros((6, 3))
     place[:, 0] = (0, 1, 10, 10.5, 20, 21)
@@ -64,14 +64,15 @@ def test_pairs_share_no_member(garden):
 
 
 def test_one_of_four_gives_what_four_gave():
-    """Four of the same place and size, one by one: opacities add up, so weights must."""
+    """Merging four equal Gaussians one by one adds up opacities, and so must add up weights."""
     four = random_scene(4, 0)[[0, 0, 0, 0]]
     one = prune(replace(four, opacity=np.full(4, 0.1)), np.ones(4), 0.75)
     assert len(one) == 1 and np.allclose(one.opacity, 0.4)
     assert np.allclose(np.sort(one.scale), np.sort(four.scale[:1]))
 
 
-def test_what_nobody_sees_leaves_nothing(garden):
+def test_unseen_gaussians_are_simply_removed(garden):
+    """Gaussians of weight 0 go first, and change no other."""
     weight = np.where(np.arange(len(garden)) < 200, 0.0, 1.0)
     kept = prune(garden, weight, 200 / len(garden))
     for name in ARRAYS:
@@ -79,7 +80,7 @@ def test_what_nobody_sees_leaves_nothing(garden):
 
 
 def test_merged_moments():
-    """Against means over samples: mean, covariance, colour; and opacity times area of a pair."""
+    """Mean, covariance and colour of a merged pair against samples; opacity × area is kept."""
     pair = random_scene(2, 1, seed=3)
     weight = np.array([3.0, 1.0])
     one = pruning.merge(pair, weight, np.zeros(2, int), 1)
@@ -107,6 +108,7 @@ def test_scaled_schedule():
 
 
 def test_count_in():
+    """The largest count that fits into the bytes, for models in codebooks and in steps."""
     format = model_format(DEFAULT, 1)
     count = pruning.count_in(200_000, format)
     assert format.layout(count).end <= 200_000 < format.layout(count + 3).end
@@ -118,7 +120,7 @@ def test_count_in():
 
 
 def test_significances_of_what_stays():
-    """What was merged weighs as much together."""
+    """A merged Gaussian weighs as much as the Gaussians in it."""
     scene = random_scene(60, 0)
     weight = np.random.default_rng(0).uniform(0.1, 1, 60)
     left, found = pruning.merged(scene, weight, 0.5)

@@ -1,4 +1,4 @@
-"""The packed model's numbers in fine-tuning: what is rendered is what the machine reads."""
+"""Fine-tuning on the packed model's numbers: it renders the values that the machine reads."""
 
 from dataclasses import replace
 
@@ -23,14 +23,15 @@ from tb.helpers.compression_scene import nothing
 
 
 def in_codebooks(scene, weight, config, seed, quality=COMPACT):
-    """Those of views from everywhere."""
+    """Codebooks for views from all directions."""
     count = len(scene)
     seen = Directions(np.zeros((count, 3)), np.broadcast_to(np.eye(3), (count, 3, 3)))
     return codebooks.in_codebooks(scene, weight, seen, config, seed, quality)
 
 
 def compared(work):
-    """What the last steps render against what the packed model decodes to, Gaussian by Gaussian."""
+    """Check rendered values against the decoded packed model, per Gaussian; return both
+    harmonics."""
     order = stored_scene(scene_of(work.tensors), work.format).index
     rendered = [tensor.detach().numpy() for tensor in work.rendered(work.tensors)]
     position, factor, opacity, sh = (array[order] for array in rendered)
@@ -51,7 +52,7 @@ def compared(work):
 
 @torch.no_grad()
 def error(parameters, targets) -> float:
-    """Mean absolute error of the pictures of what `parameters` stand for."""
+    """Mean over views of the root mean squared error of pictures rendered from `parameters`."""
     pictures = [render(*parameters, target.camera).image for target in targets]
     off = [
         float(difference(picture, as_tensor(target.image, picture)))
@@ -64,7 +65,7 @@ def error(parameters, targets) -> float:
 @pytest.mark.parametrize("degree", (0, 1))
 @pytest.mark.parametrize("config", (DEFAULT, TINY), ids=lambda config: config.name)
 def test_quantised_is_what_the_machine_reads(garden, degree, config, quality):
-    """The last steps render what the packed model decodes to."""
+    """In codebooks: rendered values equal the decoded packed model."""
     work = in_codebooks(garden.with_sh_degree(degree), np.ones(len(garden)), config, 0, quality)
     with torch.no_grad():  # off the entries that k-means gave
         for entries in work.colour.entries:
@@ -75,7 +76,7 @@ def test_quantised_is_what_the_machine_reads(garden, degree, config, quality):
 @pytest.mark.parametrize("quality", ("balanced", "faithful", "layouts"))
 @pytest.mark.parametrize("degree", (0, 1, 2, 3))
 def test_steps_are_what_the_machine_reads(scene, degree, quality):
-    """The same of models in steps, after parameters moved and some Gaussians became transparent."""
+    """In steps: the same, after parameters moved and some Gaussians became transparent."""
     chosen = np.array([FINE, 0, COARSE]) if quality == "layouts" else quality
     work = InSteps(tensors_of(scene.with_sh_degree(degree)), DEFAULT, chosen)
     with torch.no_grad():
@@ -84,7 +85,7 @@ def test_steps_are_what_the_machine_reads(scene, degree, quality):
         work.tensors["opacities"][::50] = -9
     work.refresh()
     packed, rendered = compared(work)
-    assert packed.any(axis=(0, 2)).all(), "every coefficient is there"
+    assert packed.any(axis=(0, 2)).all(), "every coefficient is used"
     assert np.allclose(packed, rendered, rtol=1e-6, atol=1e-7)
     moved = scene_of(work.tensors)
     off = np.abs(packed - stored_scene(moved, work.format).scene.sh).max(axis=(0, 2))
@@ -113,7 +114,7 @@ def test_round_fixed_and_straight_through():
 
 
 def test_codebooks_learn(scene, targets):
-    """Fine-tuning moves the entries, on their grid."""
+    """Fine-tuning moves the entries, which stay on their grid."""
     work = in_codebooks(scene.with_sh_degree(1), np.ones(len(scene)), DEFAULT, 0)
     before = [entries.copy() for entries in work.colour.codebook().entries]
     wrong = error(work.rendered(work.tensors), targets)
@@ -128,7 +129,7 @@ def test_codebooks_learn(scene, targets):
 
 @pytest.mark.parametrize("quality", INDEXED)
 def test_gaussians_take_nearer_entries(scene, targets, quality):
-    """Harmonics that were wrong are mended by other entries, where these stay as they are."""
+    """With fixed entries, wrong harmonics improve by choosing other entries."""
     right = scene.with_sh_degree(1)
     sh = right.sh.copy()
     sh[:, 0] += np.random.default_rng(0).normal(0, 0.5, sh[:, 0].shape)
@@ -148,7 +149,7 @@ def test_gaussians_take_nearer_entries(scene, targets, quality):
 
 
 def test_harmonics_in_steps_learn(scene, targets):
-    """Gradients pass the rounding: colours that were wrong are mended, and stay in steps."""
+    """Gradients pass through the rounding: wrong colours improve, and stay multiples of steps."""
     wrong = replace(scene.with_sh_degree(2), sh=0.9 * scene.with_sh_degree(2).sh)
     work = InSteps(tensors_of(wrong), DEFAULT, "balanced")
     before = error(work.rendered(work.tensors), targets)
@@ -162,7 +163,7 @@ def test_harmonics_in_steps_learn(scene, targets):
 
 
 def test_weighted_codebooks(garden):
-    """Gaussians that matter more are nearer to their entries."""
+    """Gaussians of larger weight are nearer to their entries."""
     weight = np.where(np.arange(len(garden)) < 100, 1e4, 1.0)
     many = replace(garden, sh=np.random.default_rng(0).normal(0, 1, garden.sh.shape))
     even = in_codebooks(many.with_sh_degree(1), np.ones(len(garden)), DEFAULT, 0)

@@ -1,4 +1,4 @@
-"""Kernels of the differentiable renderer: exponential, lists, and the same bits by any threads."""
+"""Kernels of the differentiable renderer: exponential, tile lists, equal bits for any threads."""
 
 import numba
 import numpy as np
@@ -27,7 +27,7 @@ def garden() -> tuple[dict[str, np.ndarray], Camera]:
 
 
 def bits(kind: torch.dtype) -> list[bytes]:
-    """Everything that comes out: picture, visible Gaussians, weights, gradients."""
+    """Bytes of all results: picture, visible Gaussians, weights, gradients."""
     arrays, camera = garden()
     leaves = tensors(arrays, kind, gradient=True)
     found = render(**leaves, camera=camera)
@@ -63,13 +63,13 @@ def test_exponential(kind, most):
     forms = np.linspace(0, 2 * np.log(255), 2000).astype(kind)
     found = np.array([rendering_tiles._exponential(form, terms) for form in forms])
     assert np.abs(found / np.exp(-0.5 * forms.astype(np.float64)) - 1).max() < most
-    assert rendering_tiles._exponential(kind(1e30), terms) < 1 / 255  # cut, not overflown
+    assert rendering_tiles._exponential(kind(1e30), terms) < 1 / 255  # cut off, without overflow
     assert abs(rendering_tiles._exponential(kind(-1e-3), terms) - 1) < most
 
 
 @pytest.mark.parametrize("antialiased", [False, True])
 def test_splats_are_those_of_the_reference(antialiased):
-    """Opacity, reach and box; there are more of them, as a box need not hold a pixel's centre."""
+    """Equal opacity, reach and box; a few more splats, whose boxes hold no pixel centre."""
     arrays, camera = garden()
     arrays["factor"] *= 0.3  # many are below a pixel
     view = rendering_points.view_numbers(camera, SPLATCORE, antialiased)

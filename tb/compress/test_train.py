@@ -1,4 +1,4 @@
-"""Training from photographs: it learns, grows, goes on where it stopped, and says what is wrong."""
+"""Training from photographs: it learns, grows and resumes; its loss; errors are reported."""
 
 import numpy as np
 import pytest
@@ -46,22 +46,22 @@ def often():
 
 @pytest.fixture(scope="module")
 def whole(photographs, points, often, tmp_path_factory):
-    """A whole training: the scene, and the progress that was told."""
-    told, folder = [], tmp_path_factory.mktemp("whole")
-    return train(photographs, points, STEPS, 0, folder, lambda *what: told.append(what)), told
+    """A complete training: the scene, and every progress report."""
+    reports, folder = [], tmp_path_factory.mktemp("whole")
+    return train(photographs, points, STEPS, 0, folder, lambda *one: reports.append(one)), reports
 
 
 def test_it_learns_and_grows(photographs, points, whole):
-    scene, told = whole
+    scene, reports = whole
     start = initial_scene(*points)
     assert decibels(scene, photographs) > decibels(start, photographs) + 2
     assert len(scene) > len(start) and scene.sh_degree == 3
-    assert [what[1:3] for what in told] == [(step + 1, STEPS) for step in range(STEPS)]
+    assert [report[1:3] for report in reports] == [(step + 1, STEPS) for step in range(STEPS)]
     assert np.abs(scene.sh[:, 1:]).max() > 0
 
 
 def test_it_goes_on_where_it_stopped(photographs, points, whole, tmp_path):
-    """To the scene of a training without a stop: the same seed gives the same scene."""
+    """Stopped and resumed from its last state, a training ends with the same scene."""
 
     class Stop(Exception):
         pass
@@ -72,9 +72,9 @@ def test_it_goes_on_where_it_stopped(photographs, points, whole, tmp_path):
 
     with pytest.raises(Stop):
         train(photographs, points, STEPS, 0, tmp_path / "a", stop)
-    told = []
-    scene = train(photographs, points, STEPS, 0, tmp_path / "a", lambda *what: told.append(what))
-    assert told[0][1] == 41  # the last state was kept after 40
+    reports = []
+    scene = train(photographs, points, STEPS, 0, tmp_path / "a", lambda *one: reports.append(one))
+    assert reports[0][1] == 41  # the last state was kept after 40
     assert np.array_equal(scene.position, whole[0].position)
     assert np.array_equal(scene.sh, whole[0].sh)
 
@@ -108,7 +108,7 @@ def test_too_few_points(photographs, points):
 
 
 def test_initial_scene(points):
-    """As large as the distances to the three nearest, and of the points' colours."""
+    """Sizes are the RMS distance to the three nearest points; colours are the points'."""
     scene = initial_scene(*points)
     distance = np.linalg.norm(points[0] - points[0][7], axis=1)
     near = np.sort(distance)[1:4]
@@ -128,7 +128,7 @@ def test_harmonics_join_one_after_the_other(photographs, points):
 
 
 def test_ssim_is_scikits():
-    """Within the window's reach of the edge the two differ in what lies beyond."""
+    """Pictures are padded, because the two implementations differ at the edges."""
     rng = np.random.default_rng(0)
     first = rng.random((40, 50, 3))
     second = np.clip(first + 0.1 * rng.standard_normal(first.shape), 0, 1)
@@ -151,7 +151,7 @@ def test_gradients_of_the_loss():
 
 
 def test_planes_are_blurred_alike_on_every_device():
-    """The sum of shifted planes, which a CUDA device takes, and its gradient are the CPU's."""
+    """The sum of shifted planes, used on CUDA, and its gradient equal the CPU's blur."""
     rng = np.random.default_rng(5)
     weight, found = torch.tensor(rng.random((2, 9, 14))), []
     values = rng.random((2, 9, 14))

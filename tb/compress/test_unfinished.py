@@ -1,4 +1,4 @@
-"""Fine-tuning that was stopped goes on from its last state, and ends with the same bits."""
+"""Interrupted fine-tuning resumes from its last state, and ends with the same bits."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import RECIPE
 
 STOPS = {"distill 2": 3, "distill 1": 3, "prune 0.3": 5, "prune 0.2": 5, "quantize": 5}
-"""The step of each phase after which it is stopped, once."""
+"""Phase → step after which the test stops it, once."""
 
 
 class Stop(Exception):
@@ -29,14 +29,14 @@ class Stop(Exception):
 
 @pytest.fixture(autouse=True)
 def often(monkeypatch):
-    """States are kept after two steps each, codebooks and steps are taken anew after three."""
+    """Save a state every two steps; refresh codebooks and steps every three."""
     monkeypatch.setattr(finetune_module, "KEEP_EVERY", 2)
     monkeypatch.setattr(compress_module, "REFRESH", 3)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_stopped_in_every_phase(scene, targets, tmp_path, degree):
-    """Models in codebooks and in steps: steps that are kept are not done again."""
+    """In codebooks and in steps: resuming repeats only the steps after the last saved state."""
     recipe, told = replace(RECIPE, degree=degree), []
     whole, broken = (Checkpoints(tmp_path / name, "key") for name in ("whole", "broken"))
     *_, wanted = compress(scene, targets, recipe, whole)
@@ -71,8 +71,8 @@ def test_stopped_in_every_phase(scene, targets, tmp_path, degree):
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_what_refresh_took_is_kept(scene, tmp_path, degree):
-    """Units, grids of positions and of harmonics, and entries: what learned and was taken anew is
-    rendered as before by another that begins with the scene."""
+    """A state restores all that refresh() computed: units, grids of positions and of harmonics,
+    entries. A fresh object that loads it renders the same bits."""
     start = scene.with_sh_degree(degree)
 
     def begin():
@@ -104,7 +104,7 @@ def test_what_refresh_took_is_kept(scene, tmp_path, degree):
 
 
 def state_of(*leaves: torch.Tensor):
-    """Optimizers of leaves [N] that have made a step."""
+    """Optimizers of leaves [N] after one step."""
     for leaf in leaves:
         leaf.grad = torch.ones_like(leaf)
     adams = {str(k): torch.optim.Adam([leaf], lr=0.5) for k, leaf in enumerate(leaves)}
@@ -118,7 +118,7 @@ def test_nothing_is_kept_at_first(tmp_path):
 
 
 def test_learning_rates_are_those_of_the_caller(tmp_path):
-    """What is kept are parameters and moments."""
+    """A state holds parameters and moments, not learning rates."""
     adams = state_of(torch.zeros(3, requires_grad=True))
     kept = Unfinished(tmp_path / "a.pt")
     kept.save(adams, 7, 0.25)

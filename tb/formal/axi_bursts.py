@@ -1,4 +1,4 @@
-"""Bursts of the AXI4 master: which ones AXI allows, and the port's channels of addresses."""
+"""Bursts of the AXI4 master: the rules of AXI, and checks of the channels AR and AW."""
 
 from amaranth.hdl import Assert, Cat, Const, Module, Mux, Signal, Value
 
@@ -15,15 +15,15 @@ from splatcore.spec.axi import (
 from splatcore.spec.config import Config
 from tb.formal.axi_rules import InOrder, channel
 
-ASIDE = 2
-"""Items of a channel that the master holds at most."""
+CHANNEL_DEPTH = 2
+"""Items that the master holds per channel, at most."""
 
 PAGE = BOUNDARY // BEAT
 INCR = 1
 
 
 def allowed(config: Config, burst) -> Value:
-    """A `read_record` is within `BOUNDARY` bytes, and a part of a beat is a burst by itself."""
+    """Return whether AXI allows a burst: no `BOUNDARY` crossed, and one beat if it is narrow."""
     beats = port_beats(config)
     first = burst.beat[: (PAGE - 1).bit_length()] & ~(beats - 1)
     fits = first + (burst.length + 1) * beats <= PAGE
@@ -31,10 +31,10 @@ def allowed(config: Config, burst) -> Value:
 
 
 def addresses(m: Module, part: Axi, name: str, register: Register, comes: Value, item) -> InOrder:
-    """What waits for a channel of addresses, and assertions on what the channel offers.
+    """Check the offers of an address channel; returns the requests that wait for it.
 
-    It is what was asked for, in its window, and a burst that AXI allows: of whole beats or a part
-    of one, with addresses that grow, within `BOUNDARY` bytes.
+    Asserts that each request is offered in order, with its client's ID and window, as a burst that
+    AXI allows: INCR, of full-width beats or one narrow beat, without crossing `BOUNDARY`.
     """
     config, port = part.config, part.m_axi
     order = InOrder(m, register, comes, item, *channel(port, name)[:2])
@@ -53,18 +53,18 @@ def addresses(m: Module, part: Axi, name: str, register: Register, comes: Value,
         Assert(~valid | (size == of_beat)),
         Assert(wires["burst"] == INCR),
         Assert(~valid | (wires["addr"][: (BOUNDARY - 1).bit_length()] + ends <= BOUNDARY)),
-        # Why: what waits is allowed.
+        # Why: waiting requests are allowed bursts.
         Assert((order.count == 0) | allowed(config, burst)),
-        Assert((order.count != ASIDE) | allowed(config, order.second.burst)),
+        Assert((order.count != CHANNEL_DEPTH) | allowed(config, order.second.burst)),
     ]
     return order
 
 
 def at_most_one(bits: Value) -> Value:
-    """No two bits are 1."""
+    """Return whether at most one bit is set."""
     return (bits & (bits - 1))[: len(bits)] == 0
 
 
 def works_for(clients: dict[str, int], half: int, client: Value) -> Value:
-    """The client, by its ID, is one of a half's."""
+    """Return whether a client, by its ID, belongs to a half."""
     return Cat(client == k for k, of in enumerate(clients.values()) if of == half).any()

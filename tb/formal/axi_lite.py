@@ -1,23 +1,25 @@
-"""Properties of an AXI4-Lite slave, the registers, as a component to prove."""
+"""Properties to prove of the registers as an AXI4-Lite slave."""
 
 from amaranth.hdl import Assert, Cover, Module, Signal
 
 from splatcore.hdl.registers import WORD_BITS
 from splatcore.spec.axi import OKAY
-from tb.formal.axi_rules import Around, channel, kept, open_ones, passes, within
+from tb.formal.axi_rules import Around, channel, kept, outstanding, passes, within
 
-ROOM = 2  # questions of a channel inside: one being done, one answered that is not taken
-LATENCY = 1  # cycles without an answer, with a question inside
+ROOM = 2  # requests inside, per channel: one being executed, one whose response is not yet taken
+LATENCY = 1  # cycles without a response, with a request inside
 
 
 class Answers(Around):
-    """Registers, before a master of which nothing is assumed: it may withdraw its offers.
+    """The registers before a free master, which may even withdraw its requests.
 
-    Asserted: an answer is kept until it is taken; there is none without its question, an address
-    and data for a write, and one for each; it comes `LATENCY` cycles later at the latest, as the
-    answer before it is taken. Address and data are taken in any order: neither waits for the other.
-    A write is done once, in its own address with its own data, if all strobes are set; it says
-    OKAY if it was done, and only then.
+    Asserts:
+    - a response stays until it is taken;
+    - each request has exactly one response; a write's request is an address and data;
+    - with a request inside, at most `LATENCY` cycles pass without a response;
+    - a write's address and data are accepted in any order: neither waits for the other;
+    - a write is executed once, at its own address with its own data, and only with all strobes set;
+      its response is OKAY exactly if it was executed.
     """
 
     def elaborate(self, platform) -> Module:
@@ -26,8 +28,8 @@ class Answers(Around):
         for name in ("b", "r"):
             kept(m, *channel(port, name))
         addresses, datas, reads = (
-            open_ones(m, passes(port, question), passes(port, answer))
-            for question, answer in (("aw", "b"), ("w", "b"), ("ar", "r"))
+            outstanding(m, passes(port, request), passes(port, response))
+            for request, response in (("aw", "b"), ("w", "b"), ("ar", "r"))
         )
         for valid, count, ready in (
             (port.bvalid, addresses, port.awready),
@@ -37,19 +39,19 @@ class Answers(Around):
             m.d.comb += [
                 Assert(~valid | (count != 0)),
                 Assert(count <= ROOM),
-                # Why: a question is held, behind it an answer. None is refused if none is held.
+                # Why: one register holds a request, one a response; a free one accepts a request.
                 Assert(count == ~ready + valid),
             ]
         within(m, (addresses != 0) & (datas != 0) & ~port.bvalid, LATENCY)
         within(m, (reads != 0) & ~port.rvalid, LATENCY)
         self._done_once(m)
         answered = passes(port, "b") & passes(port, "r")
-        for first, second in ((addresses, datas), (datas, addresses)):  # either before the other
+        for first, second in ((addresses, datas), (datas, addresses)):  # either may come first
             m.d.comb += Cover(answered & (first == ROOM) & (second == 1))
         return m
 
     def _done_once(self, m: Module):
-        """What is written is what was given last, and its answer begins when it is done."""
+        """A write uses the latest address and data; its response begins when it is executed."""
         part, port = self.inner, self.inner.s_axi
         word, value, whole = Signal.like(part.word), Signal.like(part.value), Signal()
         with m.If(passes(port, "aw")):

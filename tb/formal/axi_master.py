@@ -1,8 +1,9 @@
-"""Properties of the AXI4 master, as a component to prove.
+"""Properties to prove of the AXI4 master.
 
-Nothing is assumed of the slave: it takes when it likes, and answers what, when and as often as it
-likes. What follows the port counts what passes there alone; what follows the clients knows what
-they have given. In between are registers of two items; parts marked “why” say what these hold.
+Nothing is assumed of the slave: it may accept in any cycle, and send any response at any time, any
+number of times. Models at the port count only its transfers; models of the clients know what the
+clients sent. Between the two are registers of two items; comments "Why" mark the induction
+invariants, which say what these registers hold.
 """
 
 from amaranth.hdl import Assert, Cat, Cover, Module, Mux, Signal, Value
@@ -16,17 +17,20 @@ from tb.formal.axi_writes import Given, answered
 
 
 class Master(Around):
-    """The master before any slave, and what is under way at the port and in between.
+    """The master before a free slave, with models of the transfers in flight.
 
-    Assumed: what clients ask for are bursts that AXI allows (`allowed`). They may withdraw and
-    change their offers, and a half may fail and recover in any cycle.
+    Assumes: clients request bursts that AXI allows (`allowed`). They may withdraw and change their
+    offers, and a half may fail and recover in any cycle.
 
-    Asserted: an offer is kept until it is taken, on AR, AW and W; what is asked for and given comes
-    to the port in order, once and unchanged, as bursts that AXI allows, with their clients' IDs
-    (`addresses`, `asked`, `Given`); what comes back is counted and told once and for its client,
-    an error too (`returned`, `answered`). What comes too early, too often or for nobody is told as
-    a stray, ends no burst and keeps nothing waiting. A half is idle, a writer settled, if nothing
-    of it is under way, and only then. No count wraps.
+    Asserts:
+    - AR, AW and W keep an offer until it is taken;
+    - requests and data reach the port in order, once and unchanged, as bursts that AXI allows, with
+      their client's ID (`addresses`, `asked`, `Given`);
+    - responses and errors are counted and reported once, for their client (`returned`, `answered`);
+    - a response that is early, surplus or of an unknown client is reported as a stray; it ends no
+      burst and stalls nothing;
+    - a half is idle, a writer settled, exactly if it has nothing in flight;
+    - no counter wraps.
     """
 
     def elaborate(self, platform) -> Module:
@@ -37,16 +41,16 @@ class Master(Around):
         given = Given(m, part)
         writes, write_stray = answered(m, part, given)
         self._idle(m, reads, writes, given)
-        (read, reader), (written, writer), told = read_stray, write_stray, part.stray
+        (read, reader), (written, writer), stray = read_stray, write_stray, part.stray
         m.d.comb += [
-            Assert(told.valid == (read | written)),
-            Assert(~told.valid | (told.written == written)),  # of two at a time one is told
-            Assert(~told.valid | (told.client == Mux(written, writer, reader))),
+            Assert(stray.valid == (read | written)),
+            Assert(~stray.valid | (stray.written == written)),  # of two at a time, the write's
+            Assert(~stray.valid | (stray.client == Mux(written, writer, reader))),
         ]
         return m
 
     def _idle(self, m: Module, reads: list[Value], writes: list[Value], given: Given):
-        """What is told of clients and halves that have nothing under way."""
+        """Check `settled` of the writers and `idle` of the halves against the bursts in flight."""
         part, port = self.inner, self.inner.m_axi
         for k, left in enumerate(writes):
             addresses, beat = port.awvalid & (port.awid == k), given.beats.first

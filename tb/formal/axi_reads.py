@@ -1,4 +1,4 @@
-"""Properties of the AXI4 master's reads, and why they hold by induction."""
+"""Properties of the AXI4 master's reads, with their induction invariants."""
 
 from functools import partial
 
@@ -6,14 +6,15 @@ from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal, Value
 
 from splatcore.hdl.memory.axi import ERROR, HALVES, Axi
 from splatcore.spec import axi as spec
-from tb.formal.axi_bursts import ASIDE, addresses, allowed, at_most_one, works_for
+from tb.formal.axi_bursts import CHANNEL_DEPTH, addresses, allowed, at_most_one, works_for
 from tb.formal.axi_rules import InOrder, passes
 
 
 def asked(m: Module, part: Axi) -> InOrder:
-    """What readers ask for comes to the port; a half that fails asks for nothing.
+    """Check that the readers' requests reach the port, and that a failing half requests nothing.
 
-    Nobody is kept waiting while the port takes requests. Returns those that wait for the port.
+    While the channel has room, one reader that wants it is served. Returns the requests that wait
+    for the port.
     """
     item, count = Signal(part.ar.i.payload.shape()), len(spec.READERS)
     taken, wants = Signal(count), Signal(count)
@@ -32,16 +33,16 @@ def asked(m: Module, part: Axi) -> InOrder:
     for number, waiting in enumerate((order.first, order.second)):
         m.d.comb += Assert((order.count <= number) | (waiting.client < count))
     m.d.comb += Assert(at_most_one(taken))
-    m.d.comb += Assert(taken.any() | ~wants.any() | (order.count == ASIDE))
+    m.d.comb += Assert(taken.any() | ~wants.any() | (order.count == CHANNEL_DEPTH))
     return order
 
 
 def returned(m: Module, part: Axi, ar: InOrder) -> tuple[list[Value], tuple[Value, Value]]:
-    """A beat that comes back goes to its reader, once, if a request of its half is not answered.
+    """Check that a beat goes to its reader, once, if its half has an unanswered request.
 
-    Requests count from when the port has taken them. Any other beat is a stray, and waits for
-    nobody. Returns for each half its requests that are not answered, those included that wait for
-    the port; and whether a beat is a stray, with its ID.
+    A request counts from the cycle in which the port takes it. Any other beat is a stray and is
+    dropped at once. Returns the number of unanswered requests per half, including those that wait
+    for the port; and whether a beat is a stray, with its ID.
     """
     port = part.m_axi
     held, client, error = Signal(), Signal(spec.ID_BITS), Signal()
@@ -55,9 +56,9 @@ def returned(m: Module, part: Axi, ar: InOrder) -> tuple[list[Value], tuple[Valu
         count, mine = Signal(len(part.asked[half]) + 1, name=f"out{half}"), of(client)
         done = fires & mine & beat.last
         m.d.sync += count.eq(count + (passes(port, "ar") & of(port.arid)) - done)
-        waiting = ar.those(of)
+        waiting = ar.count_of(of)
         left.append(count + waiting)
-        m.d.comb += Assert(part.asked[half] == left[half])  # so none is too many to count
+        m.d.comb += Assert(part.asked[half] == left[half])  # so the counter does not wrap
         with m.If(mine):
             m.d.comb += [right.eq(held & (count != 0)), failing.eq(part.failing[half])]
         m.d.comb += Cover(done & (count == 2) & (waiting != 0))
@@ -66,14 +67,14 @@ def returned(m: Module, part: Axi, ar: InOrder) -> tuple[list[Value], tuple[Valu
         m.d.comb += Assert(~o.valid | (o.payload == beat))
         with m.If(client == k):
             m.d.comb += ready.eq(o.ready)
-    told = part.read_error
+    reported = part.read_error
     m.d.comb += [
         fires.eq(right & (ready | failing)),
-        Assert(port.rready == (~right | fires)),  # nothing but a beat's own reader makes it wait
+        Assert(port.rready == (~right | fires)),  # only its own reader can stall a beat
         Assert(part.beats_read == Mux(fires, 1 << client, 0)),
-        Assert(told.valid == (fires & error)),
-        Assert(~told.valid | (told.client == client)),
-        # Why: the beat that was read last.
+        Assert(reported.valid == (fires & error)),
+        Assert(~reported.valid | (reported.client == client)),
+        # Why: the register holds the beat read last.
         Assert(part.r_full == held),
         Assert(~held | ((part.r_client == client) & (part.r_error == error))),
         Assert(~held | (part.data[0].payload == beat)),

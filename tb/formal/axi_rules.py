@@ -1,4 +1,4 @@
-"""Rules that all channels of AXI4 and AXI4-Lite have in common, as assertions on a port."""
+"""Rules common to all channels of AXI4 and AXI4-Lite, as assertions on a port."""
 
 from collections.abc import Callable
 
@@ -9,14 +9,15 @@ from amaranth.lib.wiring import Out
 from splatcore.hdl.lib.stream import Register
 from tb.helpers.parts import forward
 
-MOST = 7  # of what is counted here; no part holds as many
+COUNT_MAX = 7  # of the counters here; no part holds that many items
 
 
 class Around(wiring.Component):
-    """A part with rules about it; its inputs are free.
+    """A part to check, with free inputs.
 
     Members
-        part: all ports of the part. inner: the part itself.
+        part: all ports of the part
+        inner: the part itself
     """
 
     def __init__(self, part: wiring.Component):
@@ -24,7 +25,7 @@ class Around(wiring.Component):
         self.inner = part
 
     def placed(self) -> Module:
-        """A module with the part in it."""
+        """Return a module that contains the part."""
         m = Module()
         m.submodules.part = self.inner
         forward(m, self.part, self.inner)
@@ -32,7 +33,7 @@ class Around(wiring.Component):
 
 
 def kept(m: Module, valid: Value, ready: Value, payload: Value) -> None:
-    """Assert that VALID stays, and its payload with it, until READY."""
+    """Assert that VALID and its payload stay until READY."""
     payload = Value.cast(payload)
     waiting, before = Signal(), Signal(len(payload))
     m.d.sync += [waiting.eq(valid & ~ready), before.eq(payload)]
@@ -40,42 +41,46 @@ def kept(m: Module, valid: Value, ready: Value, payload: Value) -> None:
 
 
 def channel(port: wiring.PureInterface, name: str) -> tuple[Value, Value, Value]:
-    """VALID, READY and all payload of a channel of a port ("aw", "w", "b", "ar" or "r")."""
+    """Return VALID, READY and the payload of a port's channel ("aw", "w", "b", "ar" or "r")."""
     handshake = (f"{name}valid", f"{name}ready")
     others = [k for k in port.signature.members if k.startswith(name) and k not in handshake]
     return getattr(port, handshake[0]), getattr(port, handshake[1]), wires(port, others)
 
 
 def wires(port: wiring.PureInterface, names: list[str]) -> Value:
-    """Several wires of a port."""
+    """Concatenate several wires of a port."""
     return Cat(getattr(port, name) for name in names)
 
 
 def passes(port: wiring.PureInterface, name: str) -> Value:
-    """High if something passes on a channel."""
+    """Return whether a channel transfers in this cycle."""
     valid, ready, _ = channel(port, name)
     return valid & ready
 
 
-def open_ones(m: Module, comes: Value, goes: Value) -> Signal:
-    """Count what has come and not gone."""
-    count = Signal(range(MOST + 1))
+def outstanding(m: Module, comes: Value, goes: Value) -> Signal:
+    """Count items that have come and not gone."""
+    count = Signal(range(COUNT_MAX + 1))
     m.d.sync += count.eq(count + comes - goes)
     return count
 
 
 def within(m: Module, waits: Value, cycles: int) -> None:
-    """Assert that nothing waits for more cycles than that in a row."""
+    """Assert that `waits` is high for at most `cycles` cycles in a row."""
     count = Signal(range(cycles + 2))
     m.d.sync += count.eq(Mux(waits, count + 1, 0))
     m.d.comb += Assert(count <= cycles)
 
 
 class InOrder:
-    """What passes a `Register` to a channel of the port; asserts that it holds two at most, and
-    offers each in order, once and unchanged, from the cycle on after it came.
+    """A model of the two-entry `Register` in front of a channel of the port.
 
-    item: what comes, if `comes`; count: how many wait; first, second: these.
+    Asserts that it holds at most two items, and offers each in order, once and unchanged, from the
+    cycle after it entered.
+
+    item: the item that enters, if `comes`
+    count: number of waiting items
+    first, second: the waiting items
     """
 
     def __init__(
@@ -93,14 +98,14 @@ class InOrder:
         m.d.comb += [
             Assert(~comes | (count != 2)),
             Assert(valid == (count != 0)),
-            # Why: where they are.
+            # Why: places of the items in the register.
             Assert(count == register.o.valid + register.full),
             Assert(register.o.valid | ~register.full),
             Assert((count == 0) | (register.head == self.first)),
             Assert((count != 2) | (register.spare == self.second)),
         ]
 
-    def those(self, which: Callable[[Value], Value]) -> Value:
-        """How many of those that wait have such a client."""
+    def count_of(self, which: Callable[[Value], Value]) -> Value:
+        """Return the number of waiting items with a client that `which` accepts."""
         first, second = which(self.first.client), which(self.second.client)
         return ((self.count != 0) & first) + ((self.count == 2) & second)

@@ -1,30 +1,32 @@
-"""Properties of the AXI4 master's writes, and why they hold by induction."""
+"""Properties of the AXI4 master's writes, with their induction invariants."""
 
 from amaranth.hdl import Array, Assert, Assume, Cat, Cover, Module, Mux, Signal, Value
 
 from splatcore.hdl.memory.axi import ERROR, Axi, write_data
 from splatcore.spec import axi as spec
-from tb.formal.axi_bursts import ASIDE, addresses, allowed, at_most_one
+from tb.formal.axi_bursts import CHANNEL_DEPTH, addresses, allowed, at_most_one
 from tb.formal.axi_rules import InOrder, channel, passes
 
-UNSENT = ASIDE
-"""Bursts begun, at most, whose address or last beat has not passed the port: it holds so many
-addresses, and of last beats, with the one that is still to be given, no more either."""
+UNSENT = CHANNEL_DEPTH
+"""Maximum number of bursts begun whose address or last beat has not passed the port: the master
+holds that many addresses, and no more last beats, including a last beat still to come."""
 
 
 class Given:
-    """What writers have given: addresses and beats that wait for the port, and who writes.
+    """Model of the writers: addresses and beats that wait for the port, and the active writer.
 
-    Asserted: the port's beats are those of bursts in the order in which they began, that of their
-    addresses; as many for each as it announced, the last one marked; data and strobes are the
-    writer's, but none are set for what a half that fails no longer gives, nor does it begin any.
-    While the port takes beats, nobody waits who can go on with a burst, or who can begin one and is
-    not patient.
+    Asserts:
+    - the port's beats and addresses follow the order in which the bursts began;
+    - a burst has as many beats as it announced, and its last one is marked;
+    - data and strobes are the writer's; a failing half begins no burst, and the beats that complete
+      its open burst have no strobes set;
+    - while the port takes beats, a writer that can continue its burst, or that can begin one and is
+      not patient, does not wait.
     """
 
     def __init__(self, m: Module, part: Axi):
-        self.within, self.owner = Signal(), Signal(spec.ID_BITS)  # a burst that has begun; whose
-        self.rest = Signal(spec.LENGTH_BITS)  # its beats that are still to come
+        self.within, self.owner = Signal(), Signal(spec.ID_BITS)  # a burst is open; its writer
+        self.rest = Signal(spec.LENGTH_BITS)  # its beats still to come
         self.aw, self.w = Signal(part.aw.i.payload.shape()), Signal(part.w.i.payload.shape())
         self.wants, self.gives = Signal(len(spec.WRITERS)), Signal()
         taken, within, rest = part.beats_written, self.within, self.rest
@@ -38,14 +40,14 @@ class Given:
         port, handshake = part.m_axi, channel(part.m_axi, "w")[:2]
         self.addresses = addresses(m, part, "aw", part.aw, self.begins, self.aw)
         self.beats = InOrder(m, part.w, taken.any(), self.w, *handshake)
-        first, full = self.beats.first, self.beats.count == ASIDE
+        first, full = self.beats.first, self.beats.count == CHANNEL_DEPTH
         data, strobes = port.wdata == first.data, port.wstrb == first.strobe
-        begin = (self.wants & ~part.patient).any() & (self.addresses.count != ASIDE)
+        begin = (self.wants & ~part.patient).any() & (self.addresses.count != CHANNEL_DEPTH)
         m.d.comb += [
             Assert(at_most_one(taken)),
             Assert(~port.wvalid | (data & strobes & (port.wlast == first.last))),
             Assert(taken.any() | full | ~Mux(within, self.gives, begin)),
-            # Why: the burst that is being written.
+            # Why: the burst being written.
             Assert(part.inside == within),
             Assert(~within | ((part.left == rest) & (rest != 0))),
             Assert(~within | (part.owner == 1 << self.owner)),
@@ -53,7 +55,7 @@ class Given:
         ]
 
     def _take(self, m: Module, part: Axi, k: int):
-        """A beat of a writer, or one in its place."""
+        """Check a beat of writer k, or the one sent in its place if its half fails."""
         i, taken = part.writes[k], part.beats_written[k]
         failing, burst = part.failing[list(spec.WRITERS.values())[k]], Signal(self.aw.burst.shape())
         goes_on, wants = self.within & (self.owner == k), self.wants[k]
@@ -82,14 +84,14 @@ class Given:
 
 
 def answered(m: Module, part: Axi, given: Given) -> tuple[list[Value], tuple[Value, Value]]:
-    """An answer ends a burst of its writer whose address and last beat have passed the port.
+    """Check that a response ends a burst of its writer: address and last beat passed the port.
 
-    One for each, and never waits. Any other answer is a stray. Returns for each writer its bursts
-    that are not answered; and whether an answer is a stray, with its ID.
+    Each burst takes one response, and responses never wait. Any other response is a stray. Returns
+    the number of unanswered bursts per writer; and whether a response is a stray, with its ID.
     """
     port = part.m_axi
     address, last = passes(port, "aw"), passes(port, "w") & port.wlast
-    lead = Signal(range(-UNSENT - 1, UNSENT + 1))  # addresses that have passed, less last beats
+    lead = Signal(range(-UNSENT - 1, UNSENT + 1))  # addresses passed minus last beats
     m.d.sync += lead.eq(lead + address - last)
     by_last = last & ((lead > 0) | ((lead == 0) & address))
     leaves = by_last | (address & (lead < 0))
@@ -104,51 +106,50 @@ def answered(m: Module, part: Axi, given: Given) -> tuple[list[Value], tuple[Val
         m.d.sync += count.eq(count + (leaves & (leaver == k)) - done)
         inside = Cat((recent[n] == k) & (unsent > n) for n in range(UNSENT))
         left.append(count + sum(inside))
-        m.d.comb += Assert(part.bursts[k] == left[k])  # so none is too many to count
+        m.d.comb += Assert(part.bursts[k] == left[k])  # so the counter does not wrap
         with m.If(done):
             m.d.comb += right.eq(1)
         m.d.comb += Cover(mine & ~done & inside.any())
-    told = part.write_error
+    reported = part.write_error
     m.d.comb += [
         Assert(port.bready),
-        Assert(told.valid == (right & error)),
-        Assert(~told.valid | (told.client == client)),
-        Cover(lead == -ASIDE),
-        Cover((lead == ASIDE) & (recent[0] == recent[1]) & right & error),
+        Assert(reported.valid == (right & error)),
+        Assert(~reported.valid | (reported.client == client)),
+        Cover(lead == -CHANNEL_DEPTH),
+        Cover((lead == CHANNEL_DEPTH) & (recent[0] == recent[1]) & right & error),
     ]
     return left, (held & ~right, client)
 
 
 def _recent(m: Module, given: Given, lead: Signal) -> tuple[Array, Value]:
-    """The writers of the newest bursts, the last one first, and how many have not left as a whole.
+    """Return the writers of the newest bursts, newest first, and the number not fully sent.
 
-    Their addresses are those that wait, their last beats those that wait, and that of the burst
-    that is being written.
+    Their addresses and last beats are the waiting ones; the burst being written adds its last beat.
     """
     aw, w, within = given.addresses, given.beats, given.within
     recent = Array(Signal(spec.ID_BITS, name=f"recent{n}") for n in range(UNSENT + 1))
     with m.If(given.begins):
         m.d.sync += recent[0].eq(given.aw.client)
         m.d.sync += [recent[n + 1].eq(recent[n]) for n in range(UNSENT)]
-    second, first = (w.count == ASIDE) & w.second.last, (w.count != 0) & w.first.last
+    second, first = (w.count == CHANNEL_DEPTH) & w.second.last, (w.count != 0) & w.first.last
     lasts, unsent = Signal(range(UNSENT + 2)), Signal(range(UNSENT + 1))
     m.d.comb += [
         lasts.eq(first + second + within),
         unsent.eq(Mux(lasts > aw.count, lasts, aw.count)),
     ]
     m.d.comb += [Assert((unsent <= n) | (recent[n] < len(spec.WRITERS))) for n in range(UNSENT)]
-    # A beat that is not the last one is followed by one of its burst, here or to come.
-    newest = Mux(w.count == ASIDE, w.second.client, w.first.client)
-    ended = Mux(w.count == ASIDE, w.second.last, w.first.last)
+    # A beat that is not the last is followed by one of its own burst, waiting or still to come.
+    newest = Mux(w.count == CHANNEL_DEPTH, w.second.client, w.first.client)
+    ended = Mux(w.count == CHANNEL_DEPTH, w.second.last, w.first.last)
     m.d.comb += [
         Assert((w.count == 0) | Mux(ended, ~within, within & (newest == given.owner))),
-        Assert((w.count != ASIDE) | w.first.last | (w.first.client == w.second.client)),
+        Assert((w.count != CHANNEL_DEPTH) | w.first.last | (w.first.client == w.second.client)),
         Assert(lasts <= UNSENT),
         Assert(lead == lasts - aw.count),
         Assert(~within | (given.owner == recent[0])),
         Assert(~second | (w.second.client == recent[within])),
         Assert(~first | (w.first.client == recent[within + second])),
-        Assert((aw.count != ASIDE) | (aw.second.client == recent[0])),
-        Assert((aw.count == 0) | (aw.first.client == recent[aw.count == ASIDE])),
+        Assert((aw.count != CHANNEL_DEPTH) | (aw.second.client == recent[0])),
+        Assert((aw.count == 0) | (aw.first.client == recent[aw.count == CHANNEL_DEPTH])),
     ]
     return recent, unsent

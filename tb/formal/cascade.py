@@ -1,8 +1,8 @@
-"""Properties of a merge of a cascade, as a component to prove, and why they hold by induction.
+"""Properties to prove of one merge of a cascade, with their induction invariants.
 
-One pair of runs is followed, any. What is proved of a merge with any runs at its input holds for
-all merges of a cascade: its entries are what comes in one after the other, runs of one; each merge
-gives the next one its runs.
+One pair of runs, freely chosen, is followed. A proof for arbitrary runs at the input covers all
+merges of a cascade: the entries at its input are runs of one, and each merge passes its runs to the
+next.
 """
 
 from dataclasses import replace
@@ -18,13 +18,13 @@ from splatcore.spec.config import TINY
 from tb.formal.axi_rules import kept, within
 
 MERGES = {"1": (1, False), "2": (2, False), "4": (4, False), "2 in memory": (2, True)}
-"""Entries of runs that are merged, and whether these wait in memories, as those from 8 on do."""
+"""Entries per merged run, and whether runs wait in memories, as runs of 8 entries and more do."""
 
 SMALL = replace(TINY, sub_sorter_entries=8, sort_digits=(1,) * 8)
 
 
 class Seen(Queue):
-    """A queue with its items to look at, the first one first; those beyond `level` are any."""
+    """A queue with observable items, oldest first; items beyond `level` are undefined."""
 
     def __init__(self, shape, depth: int, *, memory: bool = False):
         super().__init__(shape, depth, memory=memory)
@@ -35,7 +35,7 @@ class Seen(Queue):
         ports = [m.submodules.storage.read_port(domain="comb") for _ in range(self.depth)]
         m.d.comb += [port.addr.eq(row) for row, port in enumerate(ports)]
         rows = Array(Value.cast(port.data) for port in ports)
-        head = self.o.valid if self.memory else 0  # it has left its row
+        head = self.o.valid if self.memory else 0  # the head has left its row
         for k, item in enumerate(self.items):
             row = Signal(range(2 * self.depth + 1), name=f"row{k}")
             m.d.comb += row.eq(self.read + k - head)
@@ -53,7 +53,7 @@ class Seen(Queue):
 
 
 def pair(size: int, memory: bool) -> Pair:
-    """A merge of runs of so many entries, with queues to look at."""
+    """Return a merge of runs of `size` entries, with observable queues."""
     part = "splatcore.hdl.sorting.cascade"
     from_ = size if memory else size + 1
     with patch(f"{part}.Queue", Seen), patch(f"{part}.MEMORY_FROM", from_):
@@ -61,16 +61,19 @@ def pair(size: int, memory: bool) -> Pair:
 
 
 class Merged(wiring.Component):
-    """A merge, and a pair of runs whose entries are known.
+    """A merge, and one pair of runs whose entries are recorded.
 
-    Asserted: the pair leaves after those before it, and whole, a run with as many entries as both
-    have; each entry is the next one of its run, with its key and, behind the run's bit, its index;
-    the other run has no smaller one, nor the first run an equal one. So if both are in order, as
-    a stable sort has it, what leaves is, too. The last one is the batch's if the pair was that.
-    An offer is kept. While nothing is offered entries are taken, so the pair comes to its end; once
-    its heads are inside there is an offer, at most `latency` cycles later.
+    Asserts:
+    - the pair leaves after the pairs before it, as one run with the entries of both;
+    - each entry is the next one of its run, with its key and, below the run's bit, its index;
+    - the other run's head is not smaller, and the first run's head not equal: two sorted runs leave
+      as one, and the merge is stable;
+    - the last entry is marked as the batch's last exactly if the pair was the batch's last;
+    - an offer is kept;
+    - while nothing is offered, entries are accepted, so the pair comes to its end; with both heads
+      inside, an offer follows within `latency` cycles.
 
-    Nothing is assumed; reset comes whenever it likes.
+    Assumes nothing; reset may come in any cycle.
     """
 
     def __init__(self, part: Pair):
@@ -79,9 +82,9 @@ class Merged(wiring.Component):
         entry = part.i.payload.shape()
         super().__init__({"entry": In(entry)} | dict.fromkeys(("valid", "ready", "pick"), In(1)))
         counts = range(part.size + 1)
-        self.followed, self.alone = Signal(), Signal()  # a pair is; it has no second run
-        self.pairs = Signal(4)  # before it
-        # Of its runs: entries ahead in their queue; those that came, all came; those that left.
+        self.followed, self.alone = Signal(), Signal()  # a pair is followed; it has no second run
+        self.pairs = Signal(4)  # pairs ahead of it
+        # Per run of it: entries ahead in its queue, own entries that came and left, all have come.
         self.ahead = [Signal(range(part.runs[0].depth + 1), name=f"ahead{k}") for k in range(2)]
         self.came, self.left = (
             [Signal(counts, name=f"{n}{k}") for k in "01"] for n in ("in", "out")
@@ -106,7 +109,7 @@ class Merged(wiring.Component):
         return m
 
     def _follow(self, m: Module):
-        """The pair's entries, from where they come on."""
+        """Record the pair's entries as they come in, and count them as they leave."""
         part, last = self.part, self.entry.last
         put = passes(part.i)
         picked = put & ~part.turn & (part.count == 0) & self.pick & ~self.followed
@@ -168,7 +171,7 @@ class Merged(wiring.Component):
         m.d.comb += Cover(mine & o.ready & end & self.alone & (self.came[0] == size))
 
     def _why(self, m: Module):
-        """All runs inside belong to pairs: for each there is an end in the first queue, too."""
+        """Every run inside belongs to a pair, and every pair to an item of the queue `alone`."""
         part, alone = self.part, self.part.alone
         lasts = [
             sum((k < q.level) & item.last for k, item in enumerate(q.items)) for q in part.runs
@@ -189,14 +192,14 @@ class Merged(wiring.Component):
         for queue, open_ in ((first, coming), (second, part.turn & (part.count != 0))):
             end = Array(item.last for item in queue.items)[queue.level - 1]
             m.d.comb += Assert((queue.level == 0) | (end == ~open_))
-        # A run that is coming has its entries behind the last end.
+        # A run that is coming in has its entries behind the last complete run.
         for k, item in enumerate(first.items):
             m.d.comb += Assert(
                 ~coming | (k >= first.level) | (k + part.count < first.level) | ~item.last
             )
 
     def _why_followed(self, m: Module):
-        """Where the followed pair's entries are."""
+        """Places of the followed pair's entries."""
         part, alone, followed = self.part, self.part.alone, self.followed
         came, whole, left, ahead = self.came, self.whole, self.left, self.ahead
         coming = followed & (~whole[0] | (~self.alone & ~whole[1]))

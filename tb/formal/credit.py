@@ -1,4 +1,4 @@
-"""Properties of credits, and of what is pushed on their word, as components to prove."""
+"""Properties to prove of credits, and of the parts that push into a queue on credit."""
 
 from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
@@ -15,13 +15,14 @@ from tb.helpers.parts import forward
 
 
 class Given(wiring.Component):
-    """A credit, and of the `most` that it can give each by itself: given out or not.
+    """A credit of `most` units, with each unit tracked: taken or not.
 
-    Asserted: `count` is how many are out, so what was given out has come back or is out; `room`
-    and `any` say whether one is left and whether one is out; and what the credit asserts itself.
+    Asserts: `count` is the number of units taken, so each unit comes back or is taken; `room` says
+    whether one is left, `any` whether one is taken; and the credit's own assertions.
 
-    Assumed: nobody takes one that is out, or more than `step`; what goes is out, or taken in this
-    cycle. Which are taken is free, and which one goes; it may be taken again at once.
+    Assumes: at most `step` units are taken per cycle, and none twice; a unit that comes back was
+    taken before or in this cycle. The choice of units is free; one that comes back may be taken
+    again in the same cycle.
     """
 
     def __init__(self, part: Credit):
@@ -52,19 +53,19 @@ class Given(wiring.Component):
 
 
 class Credited(wiring.Component):
-    """A datapath that never stalls and a queue behind it, as project and rows are built.
+    """A datapath that never stalls, with a queue behind it, as in project and rows.
 
     Members
-        i, o: streams of `WIDTH` bits; an item enters while there is room in the queue for it
-            besides what is there or on its way.
-        credit, queue, valid, data: for proofs.
+        i, o: streams of `WIDTH` bits; an item enters if the queue has room for it in addition to
+            the items queued and in flight
+        credit, queue, valid, data: for proofs
 
-    **Timing**: latency of the datapath, and 1 of the queue, 2 in memory.
+    **Timing**: latency of the datapath, plus 1 for the queue (2 in memory).
     """
 
     def __init__(self, depth: int, latency: int, memory: bool = False):
         super().__init__({"i": In(stream.Signature(WIDTH)), "o": Out(stream.Signature(WIDTH))})
-        self.credit = Credit(depth, "items in the queue or on their way to it")
+        self.credit = Credit(depth, "items in the queue or in flight to it")
         self.queue = WatchedQueue(depth, memory)
         self.valid = Signal(latency)
         self.data = [Signal(WIDTH, name=f"data{k}", reset_less=True) for k in range(latency)]
@@ -88,16 +89,16 @@ class Credited(wiring.Component):
 
 
 def credited(depth: int, latency: int, memory: bool = False) -> Followed:
-    """That no item is lost or waits for ever: what `Followed` asserts, and that the queue has room
-    whenever something is pushed."""
+    """Return the proof that no item is lost or waits for ever: the assertions of `Followed`, and
+    that the queue has room for every push."""
     part = Credited(depth, latency, memory)
     return Followed(part, in_credited, latency + 1 + memory, capacity=depth)
 
 
 def in_credited(proof: Followed, m: Module, picked: Value) -> None:
-    """Why: all that is inside is in a stage or in the queue, and so is the followed item."""
+    """Why: every item inside is in a stage or in the queue, the followed one too."""
     part, queue = proof.part, proof.part.queue
-    stages = Signal(part.valid.shape())  # one bit set, that of the followed item's stage
+    stages = Signal(part.valid.shape())  # one-hot: stage of the followed item
     m.d.sync += stages.eq(Cat(picked, stages))
     content = in_rows(m, queue, proof.ahead)
     waits = proof.followed & ~stages.any() & ~(queue.memory & queue.o.valid & (proof.ahead == 0))
@@ -114,7 +115,7 @@ def in_credited(proof: Followed, m: Module, picked: Value) -> None:
         here = part.valid[k] & (data == proof.value) & (proof.ahead == ahead)
         m.d.comb += Assert(~stages[k] | here)
     for k in range(proof.latency):
-        # Without an offer for k cycles the first item has come k stages at least.
+        # After k cycles without an offer, the oldest item has advanced by at least k stages.
         come = queue.o.valid | (proof.inside == 0)
         if k <= len(part.data):
             come |= queue.level.any() | part.valid[k:].any()
@@ -122,17 +123,19 @@ def in_credited(proof: Followed, m: Module, picked: Value) -> None:
 
 
 class Fetching(wiring.Component):
-    """A reader of ranges before a memory that answers in its own time.
+    """A reader of ranges before a memory with any response time.
 
-    Asserted: a beat that comes finds room in the queue, though several are asked for at a time and
-    none waits; what room is reserved for is on its way or in the queue. There is no deadlock: a
-    burst waits for room only while another one's beats are on their way or, but for a cycle,
-    offered, and each of them that is taken makes room.
+    Asserts:
+    - the queue has room for every beat that arrives, though several are requested at once and none
+      can be stalled;
+    - room is reserved only for beats in flight or in the queue;
+    - no deadlock: a burst waits for room only while beats of another are in flight or, after at
+      most one cycle, offered; each beat taken makes room.
 
-    Assumed: a beat comes only if it was asked for; a range has a beat at least.
+    Assumes: a beat comes only if it was requested; a range has at least one beat.
     """
 
-    DEPTH, BURST, COUNT_BITS = 8, 4, 4  # beats; those of a burst; bits of a range's number of them
+    DEPTH, BURST, COUNT_BITS = 8, 4, 4  # beats in the queue, per burst; bits of a range's length
 
     def __init__(self):
         self.inner = Fetch(TINY, self.DEPTH, self.COUNT_BITS, self.BURST)
@@ -144,14 +147,14 @@ class Fetching(wiring.Component):
         forward(m, self.part, part)
         i, reads, data, used = part.i, part.reads, part.data, part.used
         asked = Mux(passes(reads), reads.payload.length + 1, 0)
-        coming = Signal(range(2 * self.DEPTH))  # beats that were asked for and have not come
+        coming = Signal(range(2 * self.DEPTH))  # beats requested that have not come
         m.d.sync += coming.eq(coming + asked - data.valid)
         m.d.comb += [
             Assume(~i.valid | (i.payload.count != 0)),
             Assume(~data.valid | (coming != 0)),
             Assert(used.count == coming + part.queue.level),
             Assert(~part.sized | reads.valid | used.any),
-            # Why: a burst has one beat at least and `BURST` at most, as many as are counted.
+            # Why: a burst has 1 … `BURST` beats, as counted.
             Assert(i.ready | (part.rest.count != 0)),
             Assert(~part.sized | ((part.size != 0) & (part.size <= self.BURST))),
             Assert(~part.sized | (part.size == reads.payload.length + 1)),

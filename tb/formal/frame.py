@@ -1,7 +1,7 @@
-"""Properties of frame control between two halves and a bus of which little is assumed, to prove.
+"""Properties to prove of frame control, between two halves and a bus that are nearly free.
 
-What must hold is written from docs/integration.md: a frame is alive from its START until it has its
-one outcome, FRAME, an error's bit of its half, or ABORT.
+They follow docs/integration.md: a frame is alive from its START until its one outcome: FRAME, an
+error bit of its half, or ABORT.
 """
 
 from amaranth.hdl import Assert, Assume, Cat, Module, Mux, Signal, Value
@@ -20,31 +20,35 @@ from splatcore.spec.registers import FRAME_BITS, ErrorCode
 from tb.helpers.parts import forward
 from tb.helpers.ports import wide_addresses
 
-QUIET = 4  # cycles in a row in which a half that fails is idle on the bus before it is reset
+QUIET = 4  # consecutive cycles for which a failing half is idle on the bus before it is reset
 
 USED = ("groups", "lists", "features", "work_area", "width", "height", "scratch", "pixels")
 USED += ("stride", *(f"background_{name}" for name in COLOURS))
-"""Registers of a frame that frame control looks at."""
+"""Frame registers that frame control reads."""
 
 WIDE = wide_addresses(TINY)
 WINDOWS = area_windows(WIDE, READING, WRITING)
-"""Areas of the second half, each of which has a window."""
+"""Areas of the second half that have an address window."""
 
 
 class Controlled(wiring.Component):
     """Frame control, and for each half whether its frame is alive.
 
-    Asserted: see the methods. Assumed of the halves: neither is done unless it has been begun and
-    has not been done or reset since; the first one stays done until its work area is taken or it
-    is reset. START, ABORT, errors of either half, answers that nobody waits for, a bus at rest and
-    the reset come whenever they like.
+    Asserts: see the methods.
+
+    Assumes: a half is done only if it has been begun, and has not been done or reset since; the
+    first half stays done until its work area is taken or it is reset. START, ABORT, errors of
+    either half, stray responses, an idle bus and reset may come in any cycle.
 
     Members
-        part: the ports of `Frame`.
-        alive, busy: a bit for each half: its frame has had no outcome; it has been begun.
-        faults: a bit for each half: it has an error in this cycle.
-        taken, free: START is taken; the second half is neither at work nor failing.
-        frame_told, given_up, aborted: the outcomes; a bit for each half but for FRAME.
+        part: the ports of `Frame`
+        alive: one bit per half: its frame has had no outcome yet
+        busy: one bit per half: it has been begun
+        faults: one bit per half: it has an error in this cycle
+        taken: START is taken
+        free: the second half is neither working nor failing
+        completed: outcome FRAME
+        given_up, aborted: one bit per half: outcome by an error, by ABORT
     """
 
     def __init__(self, config: Config = TINY, **ports: wiring.Member):
@@ -53,7 +57,7 @@ class Controlled(wiring.Component):
         count = len(HALVES)
         self.alive, self.busy, self.faults = Signal(count), Signal(count), Signal(count)
         self.given_up, self.aborted = Signal(count), Signal(count)
-        self.taken, self.free, self.frame_told = Signal(), Signal(), Signal()
+        self.taken, self.free, self.completed = Signal(), Signal(), Signal()
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -65,13 +69,13 @@ class Controlled(wiring.Component):
         self._halves(m)
         self._outcomes(m)
         self._lives(m)
-        self._told(m)
+        self._reports(m)
         self._recovers(m)
         m.d.comb += Assert(~part.favoured.all())
         return m
 
     def _of(self, error: Value, clients: dict[str, int], half: int) -> Value:
-        """High if an error of the bus is one of a half's clients."""
+        """Return whether an error of the bus belongs to a client of the half."""
         mine = [error.client == k for k, of in enumerate(clients.values()) if of == half]
         return error.valid & Cat(mine).any()
 
@@ -84,7 +88,7 @@ class Controlled(wiring.Component):
             m.d.comb += self.faults[half].eq(read | write | own)
 
     def _halves(self, m: Module):
-        """Each half is begun only when it has nothing to do, in the cycle after it is asked for."""
+        """A half is begun only while it is not busy, in the cycle after START or the hand-over."""
         part, busy = self.inner, self.busy
         ends = Cat(part.taken, part.done[RENDERING]) | part.reset
         m.d.sync += busy.eq((busy | part.begin) & ~ends)
@@ -97,7 +101,7 @@ class Controlled(wiring.Component):
         m.d.comb += [
             Assert(part.begin == asked),
             Assert((part.begin & busy) == 0),
-            # Why: where a half is.
+            # Why: the state of each half.
             Assert(busy[PREPROCESSING] == (part.working & ~part.begin)[PREPROCESSING]),
             Assert(~busy[RENDERING] | ~self.free),
             Assert((self.alive & ~part.begin & ~busy) == 0),
@@ -105,41 +109,41 @@ class Controlled(wiring.Component):
         ]
 
     def _outcomes(self, m: Module):
-        """Every START that is taken has one outcome: what has begun is alive or has had its one.
+        """Every START taken has one outcome: a frame begun is alive or has had its outcome.
 
-        `STARTED` and `FINISHED` count what has begun, and each FRAME.
+        `STARTED` counts the frames begun, `FINISHED` each FRAME.
         """
         part, alive = self.inner, self.alive
-        others = self.given_up | Cat(0, self.frame_told)
+        others = self.given_up | Cat(0, self.completed)
         m.d.comb += [
-            self.frame_told.eq(part.frame_event),
+            self.completed.eq(part.frame_event),
             self.given_up.eq(part.gives_up),
             self.aborted.eq(Mux(part.abort, alive & ~others, 0)),
             Assert((others & ~alive) == 0),
-            Assert(~self.frame_told | ~self.given_up[RENDERING]),
+            Assert(~self.completed | ~self.given_up[RENDERING]),
             Assert(~part.taken | (~others & ~self.aborted & alive)[PREPROCESSING]),
         ]
         outcomes = others | self.aborted
         goes, comes = outcomes | Cat(part.taken, 0), Cat(self.taken, part.taken)
         m.d.sync += alive.eq((alive & ~goes) | comes)
-        lost = Signal(FRAME_BITS)  # frames that have been given up
+        lost = Signal(FRAME_BITS)  # frames ended by an error or ABORT
         gone = self.given_up | self.aborted
         m.d.sync += lost.eq(lost + gone[0] + gone[1])
         inside = alive[0] + alive[1]
         m.d.comb += Assert(part.started == (part.finished + lost + inside)[:FRAME_BITS])
 
     def _lives(self, m: Module):
-        """An outcome has its cause in its own half, and each cause its outcome at once.
+        """Each outcome has its cause in its own half, and each cause its outcome in the same cycle.
 
-        So no error of a half touches the other's frame. A frame that is through in the cycle of
-        ABORT is complete; one that is through in the cycle of an error of its half is given up.
+        So an error of one half does not touch the other's frame. A frame done in the cycle of ABORT
+        counts as complete; a frame done in the cycle of an error of its half ends by the error.
         """
         part, alive, faults = self.inner, self.alive, self.faults
         through = alive & part.done & ~faults
         m.d.comb += [
             Assert(alive == (part.working & ~part.failing)),
             Assert(self.given_up == (alive & faults)),
-            Assert(self.frame_told == through[RENDERING]),
+            Assert(self.completed == through[RENDERING]),
             Assert(part.taken == (through[PREPROCESSING] & ~part.abort & self.free)),
             Assert(part.ready == ~part.working[PREPROCESSING]),
             Assert(~(part.failing & ~part.working)[PREPROCESSING]),
@@ -148,8 +152,8 @@ class Controlled(wiring.Component):
         m.d.sync += before.eq(part.ready)
         m.d.comb += Assert(part.ready_event == (part.ready & ~before))
 
-    def _told(self, m: Module):
-        """An error is told once, unless its half is failing already: one of those in a cycle."""
+    def _reports(self, m: Module):
+        """An error is reported once, unless its half is failing; of several in a cycle, one is."""
         part, faults = self.inner, self.faults
         new = {}
         for name, clients in (("read_error", READERS), ("write_error", WRITERS)):
@@ -175,7 +179,7 @@ class Controlled(wiring.Component):
     def _recovers(self, m: Module):
         """A half is reset only if it fails and has been idle on the bus for `QUIET` cycles.
 
-        It fails only if its frame was given up, or was complete in the cycle of ABORT.
+        It starts to fail only if its frame ended by an error, or was alive in the cycle of ABORT.
         """
         part = self.inner
         fails = Signal(len(HALVES))
@@ -189,19 +193,20 @@ class Controlled(wiring.Component):
             m.d.comb += [
                 Assert(~reset | (part.failing[half] & (rested == QUIET))),
                 Assert(part.failing[half] == (before | fails[half])),
-                # Why: what frame control counts.
+                # Why: frame control's counter of idle cycles.
                 Assert(reset | (self.inner.quiet[half] == rested)),
                 Assert(~reset | (self.inner.quiet[half] == 0)),
             ]
 
 
 class Parameters(Controlled):
-    """Frame control of a machine with addresses of 64 bits, and the registers of each half's frame.
+    """Frame control of a machine with 64-bit addresses, and the frame registers of each half.
 
-    Asserted: frames that are handed over have the work areas in turn, so those in flight never have
-    the same; each half has what its frame's registers said when it was started, until it is free.
+    Asserts:
+    - frames handed over use the work areas in turn, so two frames in flight never share one;
+    - until it is free, each half sees the register values from the START of its frame.
 
-    Assumed: these registers stay from START until READY comes again.
+    Assumes: these registers stay constant from START until READY returns.
     """
 
     def __init__(self):
@@ -215,7 +220,7 @@ class Parameters(Controlled):
             {name: Signal(layout[name].width, name=f"{half}_{name}") for name in used}
             for half in ("first", "second")
         )
-        turn, others = Signal(), Signal()  # the work area of the first half's frame, the second's
+        turn, others = Signal(), Signal()  # work area of the first half's frame, the second's
         for name in used:
             stays = Signal(name=f"stays_{name}")
             locked = part.working[PREPROCESSING] & ~part.taken

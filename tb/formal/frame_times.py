@@ -1,4 +1,4 @@
-"""Frame control between halves that answer in time: how soon a frame has its outcome, to prove."""
+"""Bounds to prove on the cycles from START to a frame's outcome, if both halves answer in time."""
 
 from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal, Value
 from amaranth.lib.wiring import In
@@ -8,26 +8,28 @@ from splatcore.spec.axi import PREPROCESSING, RENDERING
 from tb.formal.frame import QUIET, Controlled
 
 LIMIT_BITS = 8
-"""Bits of the number of cycles in which a half answers: any number of so many bits."""
+"""Bits of `limit`, the cycles within which a half answers: any number of this width."""
 
 TIME_BITS = LIMIT_BITS + 3
 
 
 class Answering(Controlled):
-    """Frame control between halves and a bus that answer within `limit` cycles, any number.
+    """Frame control between halves and a bus that answer within `limit` cycles, a free constant.
 
-    Asserted: a frame has its outcome at most 3 `limit` + 9 cycles after its START, 2 `limit` + 4 if
-    the second half does not fail before it has this frame; a half is free at most `limit` + 6
-    cycles after its frame was given up, so READY comes as soon after ABORT.
+    Asserts:
+    - a frame has its outcome at most 3 `limit` + 9 cycles after its START, or 2 `limit` + 4 if the
+      second half does not fail before it has this frame;
+    - a half is free at most `limit` + 6 cycles after its frame ended by an error or ABORT, so READY
+      follows ABORT within the same time.
 
-    Assumed, beside what `Controlled` assumes: `limit` cycles after the one behind its begin, at the
-    latest, a half is done or has an error; while it fails the bus is not idle for at most `limit`
-    cycles, and then stays idle.
+    Assumes, in addition to `Controlled`:
+    - a half is done or has an error at most `limit` cycles after the cycle that follows its begin;
+    - while a half fails, the bus is busy for at most `limit` cycles and then stays idle.
     """
 
     def __init__(self):
         super().__init__(limit=In(LIMIT_BITS))
-        # Cycles since START for each half's frame; since the second half was asked for, until free.
+        # Cycles since START, per half's frame; since the hand-over, until the second half is free.
         self.age, self.rendering = [self._time(f"age{k}") for k in HALVES], self._time("rendering")
         self.calm = Signal(len(HALVES))  # the second half has not failed since START
 
@@ -47,7 +49,7 @@ class Answering(Controlled):
         return m
 
     def _answers(self, m: Module, half: int) -> Signal:
-        """Cycles in which a half was at work for a frame and was neither done nor had an error."""
+        """Count the cycles in which a half worked on a frame and was neither done nor in error."""
         waited, answers = self._time(f"waited{half}"), (self.inner.done | self.faults)[half]
         waits = (self.alive & self.busy)[half] & ~answers
         with m.If(self.inner.begin[half]):
@@ -59,7 +61,7 @@ class Answering(Controlled):
         return waited
 
     def _drains(self, m: Module, half: int) -> Value:
-        """Cycles in which a half has been failing, this one not counted."""
+        """Count the cycles for which a half has been failing, without the current one."""
         part, quiet = self.inner, self.inner.quiet[half]
         drained, failed = self._time(f"drained{half}"), self._time(f"failed{half}")
         idle, was_idle = part.idle[half], Signal(name=f"was_idle{half}")
@@ -81,18 +83,18 @@ class Answering(Controlled):
         return since
 
     def _first(self, m: Module, waited: Signal):
-        """A frame is handed over as soon as it is through and the second half is free."""
+        """A frame is handed over as soon as it is done and the second half is free."""
         part, age, limit = self.inner, self.age[PREPROCESSING], self.limit
         alive, calm = self.alive[PREPROCESSING], self.calm[PREPROCESSING]
         m.d.sync += age.eq(Mux(self.taken, 1, age + alive))
         m.d.sync += calm.eq((calm | self.taken) & ~part.failing[RENDERING])
         through = Signal()
-        at_work = (self.alive & self.busy)[PREPROCESSING]
-        m.d.sync += through.eq(at_work & part.done[PREPROCESSING])
+        active = (self.alive & self.busy)[PREPROCESSING]
+        m.d.sync += through.eq(active & part.done[PREPROCESSING])
         m.d.comb += [
             Assert(~(alive & part.begin[PREPROCESSING]) | (age == 1)),
-            Assert(~at_work | through | (age == waited + 2)),
-            Assert(~(at_work & through) | part.done[PREPROCESSING]),
+            Assert(~active | through | (age == waited + 2)),
+            Assert(~(active & through) | part.done[PREPROCESSING]),
             Assert(~alive | self.free | (age <= self.rendering)),
             Assert(~alive | (age <= 2 * limit + 7)),
             Assert(~alive | ~calm | (age <= limit + 2)),
@@ -106,10 +108,10 @@ class Answering(Controlled):
         m.d.sync += age.eq(Mux(part.taken, self.age[PREPROCESSING] + 1, age + alive))
         with m.If(part.taken):
             m.d.sync += calm.eq(self.calm[PREPROCESSING])
-        at_work, fails = (self.alive & self.busy)[RENDERING], part.failing[RENDERING]
+        active, fails = (self.alive & self.busy)[RENDERING], part.failing[RENDERING]
         m.d.comb += [
             Assert(~part.begin[RENDERING] | (rendering == 0)),
-            Assert(~at_work | (rendering == waited + 1)),
+            Assert(~active | (rendering == waited + 1)),
             Assert(~fails | (rendering <= limit + 2 + since)),
             Assert(~alive | (age <= 2 * limit + 8 + rendering)),
             Assert(~alive | ~calm | (age <= limit + 3 + rendering)),
@@ -118,25 +120,25 @@ class Answering(Controlled):
         ]
 
     def _reached(self, m: Module):
-        """What frame control is for comes to pass, and what can go wrong while it does."""
+        """Cover two complete frames, and complete frames in spite of faults and ABORT."""
         part, alive, fault = self.inner, self.alive, self.given_up
         two = Signal()  # two frames have been in flight
         spared, kept, over, both = (Signal(name=f"was_{k}") for k in range(4))
         handing = (alive & part.done & ~self.faults)[PREPROCESSING] & self.free
         m.d.sync += [
             two.eq(two | alive.all()),
-            spared.eq(alive[RENDERING] & (spared | (fault[PREPROCESSING] & ~self.frame_told))),
+            spared.eq(alive[RENDERING] & (spared | (fault[PREPROCESSING] & ~self.completed))),
             kept.eq(kept | (fault[RENDERING] & (alive & ~fault)[PREPROCESSING])),
             over.eq(over | (part.abort & handing)),
             both.eq(both | fault.all()),
         ]
-        told, finished, started = self.frame_told, part.finished, part.started
+        completed, finished, started = self.completed, part.finished, part.started
         m.d.comb += [
             Cover(two & (finished == 2) & (started == 2)),
-            Cover(spared & told),  # a frame is rendered, the next one's points had an error
-            Cover(kept & told & (started == 2)),  # … or the other way round
-            Cover(over & told),
-            Cover(both & told),
-            Cover(told & part.abort & alive.all()),
-            Cover(told & (self.age[RENDERING] == 3 * self.limit + 9) & (self.limit != 0)),
+            Cover(spared & completed),  # a frame completes, and its successor had an error
+            Cover(kept & completed & (started == 2)),  # … or the other way round
+            Cover(over & completed),
+            Cover(both & completed),
+            Cover(completed & part.abort & alive.all()),
+            Cover(completed & (self.age[RENDERING] == 3 * self.limit + 9) & (self.limit != 0)),
         ]

@@ -1,4 +1,4 @@
-"""Properties of the registers and frame control together, as the host sees them, to prove."""
+"""Properties to prove of the registers and frame control together, as the host sees them."""
 
 from types import SimpleNamespace
 
@@ -19,10 +19,11 @@ from splatcore.spec.registers import CODE_BITS, ErrorCode
 
 
 class Driven(wiring.Component):
-    """The registers and frame control, joined as `Top` joins them; the rest of it is any.
+    """The registers and frame control, connected by `Top`; the rest of the machine is free.
 
-    Asserted: see the methods. Assumed: an error has a code. The host writes whatever it likes, both
-    halves and the bus do what they like, the reset comes whenever it likes.
+    Asserts: see the methods.
+
+    Assumes: an error has a code. The host, both halves, the bus and reset are free in every cycle.
     """
 
     def __init__(self):
@@ -41,7 +42,7 @@ class Driven(wiring.Component):
             preprocess=half,
             render=half,
         )
-        self.past = 0  # signals that keep a value for a cycle, so far
+        self.past = 0  # number of delayed signals made
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -58,7 +59,7 @@ class Driven(wiring.Component):
         return m
 
     def _before(self, m: Module, value: Value) -> Signal:
-        """The value a cycle ago, 0 at first."""
+        """Return the value one cycle ago, 0 at first."""
         self.past += 1
         value = Value.cast(value)
         before = Signal(len(value), name=f"before{self.past}")
@@ -70,7 +71,7 @@ class Driven(wiring.Component):
         return registers.taken & (registers.word == registers.address[name] // spec.WORD)
 
     def _written(self, m: Module) -> tuple[Signal, Signal]:
-        """START, without ABORT, and ABORT are written in this cycle."""
+        """Return whether START without ABORT, and ABORT, are written in this cycle."""
         start, abort, value = Signal(), Signal(), self.top.registers.value
         m.d.comb += [
             abort.eq(self._at("CONTROL") & (value & spec.ABORT).any()),
@@ -79,10 +80,10 @@ class Driven(wiring.Component):
         return start, abort
 
     def _commands(self, m: Module, start: Signal, abort: Signal):
-        """START while READY begins a frame, else none; ABORT gives up all that have begun.
+        """START while READY begins a frame, otherwise none; ABORT ends all frames in flight.
 
-        After ABORT there is no FRAME until the next START; one in its cycle is there when the write
-        is answered. STARTED counts each START that begins a frame.
+        After ABORT, no FRAME comes until the next START; a FRAME in the cycle of ABORT is visible
+        when the write is answered. STARTED counts each START that begins a frame.
         """
         frame, registers = self.top.frame, self.top.registers
         over, alive = Signal(), frame.working & ~frame.failing
@@ -90,7 +91,7 @@ class Driven(wiring.Component):
         begun, started = self._before(m, start & frame.ready), self._before(m, frame.started)
         known = Signal()
         m.d.sync += known.eq(1)
-        told = self._before(m, abort & frame.frame_event)
+        completed = self._before(m, abort & frame.frame_event)
         m.d.comb += [
             Assert(frame.start == (start & frame.ready)),
             Assert(frame.abort == abort),
@@ -98,26 +99,26 @@ class Driven(wiring.Component):
             Assert(frame.begin[0] == begun),
             Assert(~(frame.failing & ~frame.working)[0]),
             Assert(~over | ((alive == 0) & ~frame.frame_event)),
-            Assert(~told | (registers.s_axi.bvalid & registers.events[1])),
-            Cover(told & over),
+            Assert(~completed | (registers.s_axi.bvalid & registers.events[1])),
+            Cover(completed & over),
             Cover(over & frame.ready & start & registers.events[0] & (frame.started == 2)),
         ]
 
     def _interrupts(self, m: Module, refused: Value):
-        """A bit of INTERRUPT comes with what it tells, and stays until it is cleared."""
+        """A bit of INTERRUPT is set by its event, and stays set until it is cleared."""
         frame, registers = self.top.frame, self.top.registers
-        told = (frame.ready_event, frame.frame_event, frame.error.valid | refused)
+        sources = (frame.ready_event, frame.frame_event, frame.error.valid | refused)
         clears = self._before(m, self._at("INTERRUPT"))
         value, events = self._before(m, registers.value), self._before(m, registers.events)
-        for k, event in enumerate(told):
+        for k, event in enumerate(sources):
             stays = events[k] & ~(clears & value[k])
             m.d.comb += Assert(registers.events[k] | ~(self._before(m, event) | stays))
         for k in range(2):
-            m.d.comb += Assert(~registers.events[k] | events[k] | self._before(m, told[k]))
+            m.d.comb += Assert(~registers.events[k] | events[k] | self._before(m, sources[k]))
         m.d.comb += Assert(self.interrupt == (registers.events & registers.enabled).any())
 
     def _errors(self, m: Module, refused: Value):
-        """ERROR has the first error until it is written, and a bit for each half that gave up."""
+        """ERROR holds the first error until it is written, and one bit per half that had one."""
         frame, registers = self.top.frame, self.top.registers
         first, halves = self._before(m, registers.first_error), self._before(m, registers.given_up)
         clears, gave_up = self._before(m, self._at("ERROR")), self._before(m, frame.gives_up)
@@ -134,7 +135,7 @@ class Driven(wiring.Component):
         ]
 
     def _locked(self, m: Module):
-        """A frame's registers stay from START until READY comes, and a write of one is refused."""
+        """A frame's registers are constant from START until READY: writes to them are refused."""
         frame, registers = self.top.frame, self.top.registers
         before = self._before(m, registers.frame)
         stays = self._before(m, frame.start | ~frame.ready)

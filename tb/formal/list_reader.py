@@ -1,6 +1,6 @@
-"""Properties of the reader of lists, as a component for a search in a bounded number of cycles.
+"""Properties of the list reader, to check by a search within a bounded number of cycles.
 
-What memory holds is any; so is when it answers.
+Memory contents and response times are free.
 """
 
 from dataclasses import replace
@@ -15,20 +15,21 @@ from splatcore.spec.config import TINY
 
 SMALL = replace(TINY, page=4, burst=2, sort_digits=(1,) * 8)
 
-PAGES, SLOTS, BITS = 2, SMALL.page, 1  # bits of an entry or a link that are free
+PAGES, SLOTS, BITS = 2, SMALL.page, 1  # free bits per entry or link
 BEAT_SLOTS = 2
 
-WAITING = 4  # beats; requests on their way
+WAITING = 4  # beats that may wait in the reader
 
 
 class Read(wiring.Component):
-    """A reader, and memory that answers each request when it likes.
+    """A list reader, and a memory that answers each request after any number of cycles.
 
-    Asserted: what is read is the list's first page but its last slot, then the page that this slot
-    names, and so on, as many entries as the list has, those of one list after those of the other.
-    No beat beyond the pages is asked for.
+    Asserts:
+    - the entries are those of the list's first page without its last slot, then of the page that
+      this slot names, and so on, up to the list's count; one list follows the other;
+    - no beat beyond the pages is requested.
 
-    Assumed: memory stays as it is, and there is no further reset.
+    Assumes: memory contents stay constant, and there is no further reset.
     """
 
     def __init__(self):
@@ -76,7 +77,7 @@ class Read(wiring.Component):
         return m
 
     def _walk(self, m: Module, part: ListReader, lists: Queue, slots: list):
-        """By definition: from slot to slot, and to the next page."""
+        """Check the entries against the definition: slot by slot, then on to the next page."""
         slot, turned, now = Signal(2), Signal(), Signal()
         left, given = Signal(3), Signal(3)
         page = Mux(turned, now, lists.o.payload[0])

@@ -1,6 +1,6 @@
-"""Properties of the writer of lists, as a component to prove.
+"""Properties to prove of the list writer.
 
-One slot of one page is followed, any: what is to stand there, whether it was written.
+One slot of one page, freely chosen, is followed: its expected value, and whether it was written.
 """
 
 from collections.abc import Iterator
@@ -18,17 +18,17 @@ from splatcore.spec.config import TINY, Config
 from tb.formal.axi_rules import kept, within
 from tb.formal.list_writer_why import why
 
-GROUPS = 3  # no power of two; 2 to look for planted faults
-PAGE_BITS = 3  # so that all pages that can be numbered are few
+GROUPS = 3  # not a power of two; 2 with planted faults
+PAGE_BITS = 3  # few, so that the page numbers run out
 COUNT_BITS = 4
 SPLAT_BITS = 1
 
 SHAPES = {"page4_burst2": (4, 2), "page8_burst2": (8, 2), "page4_burst4": (4, 4)}
-"""Entries of pages and of bursts: two, four bursts a page, and one."""
+"""Entries per page and per burst: 2, 4 and 1 bursts per page."""
 
 
 def small(shape: str, groups: int = GROUPS) -> Config:
-    """A machine of that many groups of a tile in a row."""
+    """Return a machine for images of one row of `groups` groups, each of one tile."""
     page, burst = SHAPES[shape]
     digits = (1,) * 8
     sizes = {"page": page, "burst": burst, "sort_digits": digits}
@@ -37,7 +37,7 @@ def small(shape: str, groups: int = GROUPS) -> Config:
 
 @contextmanager
 def narrow() -> Iterator[None]:
-    """Pages' numbers, counts and entries of few bits, as long as it lasts."""
+    """Inside the context, page numbers, counts and entries have few bits."""
     with ExitStack() as stack:
         for name, bits in (
             ("spec.binning.PAGE_BITS", PAGE_BITS),
@@ -50,10 +50,12 @@ def narrow() -> Iterator[None]:
 
 
 class Watched(ListWriter):
-    """A writer with its memories to look at.
+    """A list writer with observable memories.
 
-    rows: the table. buffers: slots k of all groups. found_row, found_slots: of the group that is
-    handled, as it takes them. noise: what a row is read as in the cycle in which it is written.
+    rows: the table
+    buffers: for each k, slot k of all groups
+    found_row, found_slots: row and slots of the current group, as the writer reads them
+    noise: the value read from a row in the cycle in which it is written
     """
 
     def __init__(self, config: Config):
@@ -96,22 +98,24 @@ class Watched(ListWriter):
 
 
 class Written(wiring.Component):
-    """A writer, the layout of the lists of a frame by its definition, and one slot in memory.
+    """A list writer, a frame's lists as defined, and one slot in memory.
 
-    By definition each group's entries take the slots of its page one after the other; one that
-    finds no slot but the page's last takes the first slot of the next page that no group has had,
-    and the last slot is the number of that one.
+    By definition a group's entries take the slots of its page one after the other. When only the
+    page's last slot is free, the entry takes the first slot of the next unused page, and the last
+    slot gets that page's number.
 
-    Asserted: bursts lie in pages that there are. The burst of the followed slot is written once at
-    most, with what is to stand there, 0 if nothing; once done, it is written if something is.
-    Groups come in order, each once, with first page and count. Pages needed are those taken, as far
-    as they can be counted, and exceeded says whether they are more than there are. An offer is kept
-    until it is taken; an entry is taken whenever a burst would be; a group comes 2 cycles after the
-    one before.
+    Asserts:
+    - bursts stay within the pages available;
+    - the followed slot's burst is written at most once, with the slot's value, or 0 if it has none;
+      at the end it has been written if the slot has a value;
+    - groups come in order, each once, with first page and count;
+    - `needed` is the number of pages taken, up to its largest value, and `exceeded` says whether
+      this is more than the pages available;
+    - an offer is kept until it is taken; an entry is accepted whenever a burst would be; at most 2
+      cycles pass between groups.
 
-    Assumed: an entry's group is one of the image; no group has more entries than can be counted;
-    the image and the pages stay as they are in a frame. Reset comes whenever it likes, and so does
-    `finish`.
+    Assumes: an entry's group belongs to the image; no group has more entries than can be counted;
+    image and pages are constant within a frame. Reset and `finish` may come in any cycle.
     """
 
     def __init__(self, part: Watched):
@@ -122,17 +126,17 @@ class Written(wiring.Component):
         pages = dict.fromkeys(("pages", "page"), In(part.page_bits))
         words = {"entry": In(len(Value.cast(part.held.entry))), "noise": In(part.row.size)}
         super().__init__(bits | numbers | pages | words | {"slot": In(part.position_bits)})
-        # By definition: for each group what the table is to hold, pages taken, one more than can be
-        # numbered at most.
+        # By definition: the table's row per group; pages taken, up to one more than can be
+        # numbered.
         self.lists = [Signal(part.row, name=f"list{g}") for g in range(part.count)]
         self.taken = Signal(part.page_bits + 1)
-        # The same before the entry that is held.
+        # The same before the held entry.
         self.row_before, self.taken_before = Signal(part.row), Signal(part.page_bits + 1)
-        # Of the followed slot: it has a value, from the last entry that came, of a group; its burst
-        # was written.
+        # The followed slot: it has a value; from the latest entry; its burst was written; the value
+        # and its group.
         self.seen, self.latest, self.written = Signal(), Signal(), Signal()
         self.value, self.owner = Signal(words["entry"].shape), Signal(range(part.count))
-        self.given = Signal(range(part.count + 1))  # groups
+        self.given = Signal(range(part.count + 1))  # groups that have left
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -174,7 +178,7 @@ class Written(wiring.Component):
         ]
 
     def _lay_out(self, m: Module):
-        """An entry takes its slot."""
+        """Give each entry its slot, by definition."""
         part, most = self.part, (1 << self.page_bits) - 1
         put, row, new = part.i.valid & part.i.ready, Signal(part.row), Signal(part.row)
         number, fresh = Mux(self.taken > most, most, self.taken), row.count == 0
@@ -223,7 +227,7 @@ class Written(wiring.Component):
     def _check_groups(self, m: Module):
         part, groups, most = self.part, self.part.groups, (1 << self.page_bits) - 1
         row, passes = Signal(part.row), groups.valid & groups.ready
-        held = part.full & part.taking  # the last entry is not through
+        held = part.full & part.taking  # the latest entry is still being handled
         m.d.sync += self.given.eq(self.given + passes)
         m.d.comb += [
             row.eq(Array(Value.cast(one) for one in self.lists)[self.given]),

@@ -1,4 +1,4 @@
-"""Why the writer of lists keeps to its properties, by induction: what its registers hold."""
+"""Why the list writer has its properties: induction invariants on the contents of its registers."""
 
 from amaranth.hdl import Array, Assert, Cat, Module, Mux, Signal, Value
 
@@ -6,7 +6,7 @@ from splatcore.hdl.binning.list_writer import State
 
 
 def why(proof, m: Module) -> None:
-    """Assert it, in the terms of `tb.formal.list_writer.Written`."""
+    """Assert the invariants, in terms of `tb.formal.list_writer.Written`."""
     rows = _in_table(proof, m)
     _phases(proof, m)
     _held(proof, m, rows)
@@ -14,7 +14,7 @@ def why(proof, m: Module) -> None:
 
 
 def _in_table(proof, m: Module) -> list[Signal]:
-    """What the table is to hold: lists without the entry that is held, or 0 once flushed."""
+    """Check the table and return its rows: lists without the held entry, or 0 once flushed."""
     part, rows = proof.part, []
     clearing, taking = part.state == State.CLEAR, part.state == State.TAKE
     flushing, done = part.state == State.FLUSH, part.state == State.DONE
@@ -36,7 +36,7 @@ def _in_table(proof, m: Module) -> list[Signal]:
 
 
 def _asked(proof) -> Value:
-    """Groups that were asked for to be flushed."""
+    """Return the number of groups whose flush was requested."""
     return Mux(proof.part.flushed, proof.groups_count, proof.part.group)
 
 
@@ -63,7 +63,7 @@ def _phases(proof, m: Module):
 
 
 def _held(proof, m: Module, rows: list[Signal]):
-    """The entry that is held: its group's row and slots are those in memory."""
+    """The held entry: its group's row and slots equal those in memory."""
     part, before = proof.part, proof.row_before
     most, group = (1 << proof.page_bits) - 1, part.held.group
     full = part.full & (part.state == State.TAKE)
@@ -101,7 +101,7 @@ def _held(proof, m: Module, rows: list[Signal]):
 
 
 def _slot(proof, m: Module, rows: list[Signal]):
-    """The followed slot: in memory, in a buffer, or about to be in one."""
+    """The followed slot: its value is in memory, in a buffer, or about to enter one."""
     part, before, bits = proof.part, proof.row_before, proof.burst_bits
     seen, written, slot = proof.seen, proof.written, proof.slot
     full = part.full & (part.state == State.TAKE)

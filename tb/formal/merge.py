@@ -1,6 +1,6 @@
-"""Properties of the merge of two runs, as a component for a search in a bounded number of cycles.
+"""Properties of the merge of two runs, to check by a search within a bounded number of cycles.
 
-The runs are any: their entries, their lengths and when these are written are free.
+The runs are free: their entries, their lengths and the cycles in which entries are written.
 """
 
 from dataclasses import replace
@@ -17,22 +17,23 @@ SMALL = replace(TINY, sub_sorter_entries=4, merge_ways=2)
 WAYS, ENTRIES = SMALL.merge_ways, SMALL.sub_sorter_entries
 
 KEY_BITS = 3
-"""Bits of a key that are free, the others are 0: enough for any order of all entries."""
+"""Free bits per key, the others are 0: enough for any order of all entries."""
 
 PAUSE = 7
-"""Cycles with room from an entry, or from the last writing, to the next entry, at most."""
+"""Cycles with room from an entry, or from the last write, to the next entry: maximum."""
 
 
 class Merged(wiring.Component):
-    """A merge, the runs it reads, and how many entries of each have been given.
+    """A merge, the runs it reads, and the number of entries taken from each.
 
-    Asserted: each entry given is the next one of its run, so none is given twice or left out; no
-    run has a smaller one, and no earlier run an equal one; it is busy as long as entries are left;
-    with all entries written and room for them it gives them all. An entry that is read before it
-    is written has any value.
+    Asserts:
+    - each output entry is the next one of its run, so none is repeated or left out;
+    - no other run has a smaller head, and no earlier run an equal one;
+    - the merge is busy as long as entries are left; with all entries written and room for them, it
+      outputs them all.
 
-    Assumed: runs are in order, and stay as they are until a reset; a merge begins when none is
-    busy. Stop and reset come whenever they like.
+    Assumes: runs are sorted and constant until a reset; a merge begins only while it is not busy;
+    an entry read before it is written has any value. Stop and reset may come in any cycle.
     """
 
     def __init__(self):
@@ -46,7 +47,7 @@ class Merged(wiring.Component):
         m.submodules.part = part = Merge(SMALL)
         keys, indices, lasts = self._runs(m)
         written, given = ([Signal(3, name=f"{n}{w}") for w in range(WAYS)] for n in ("wr", "given"))
-        left = Signal(WAYS)  # a run has entries that have not been given
+        left = Signal(WAYS)  # a run has entries that have not left
         m.d.comb += [
             part.begin.eq(self.begin),
             part.runs.eq(self.runs),
@@ -80,7 +81,7 @@ class Merged(wiring.Component):
         return m
 
     def _runs(self, m: Module):
-        """The keys and indices of each run, by rank, and the rank of its last entry."""
+        """Return each run's keys and indices by rank, and the rank of its last entry."""
         everything = Cat(self.keys, self.indices, self.lengths)
         before, begun = Signal(len(everything)), Signal()
         m.d.sync += [before.eq(everything), begun.eq(1)]
@@ -95,7 +96,7 @@ class Merged(wiring.Component):
         return keys, indices, [self.lengths.word_select(k, 2) for k in range(WAYS)]
 
     def _answer(self, m: Module, part: Merge, keys, indices, lasts, written):
-        """The memory answers a cycle later."""
+        """Answer each read one cycle later, with noise if the entry is not yet written."""
         rank = part.head.index
         for k in range(WAYS):
             with m.If(part.head.way == k):
@@ -105,7 +106,7 @@ class Merged(wiring.Component):
                 m.d.sync += part.found.eq(Mux(there, found, self.noise))
 
     def _reached(self, m: Module, part: Merge, left, lasts, head, ends):
-        """A merge of two runs to the end, with equal heads on its way; then another one."""
+        """Cover a complete merge of two full runs with equal heads, and one after another."""
         tie, whole = Signal(), Signal()
         full = Cat(last.all() for last in lasts).all()
         with m.If(self.begin):

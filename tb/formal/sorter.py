@@ -1,7 +1,7 @@
-"""Properties of a sorter's releases around a cascade, as a component to prove, and why they hold.
+"""Properties to prove of releases of a sorter with a cascade, with their induction invariants.
 
-In the cascade's place stands what is known of it: batches leave in their order, whole, when they
-like (`tb.formal.cascade`).
+A model with the proven properties of the cascade (`tb.formal.cascade`) replaces it: whole batches
+leave in order, after any time.
 """
 
 from unittest.mock import patch
@@ -17,13 +17,14 @@ from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, ranked_record
 from tb.formal.cascade import SMALL, Seen
 
-LEVEL_BITS = 4  # of counts of batches; no part holds as many
+LEVEL_BITS = 4  # of batch counters; no part holds that many
 
 
 class Batches(wiring.Component):
-    """Batches that go in and come out.
+    """Model of a cascade: whole batches go in and come out in order.
 
-    takes, gives: entries pass now; ends: it is a batch's last one.
+    takes, gives: an entry may enter, leave in this cycle
+    ends: the leaving entry is the last of its batch
     """
 
     def __init__(self, config: Config):
@@ -39,7 +40,7 @@ class Batches(wiring.Component):
         m = Module()
         i, o = self.i, self.o
         comes, goes = passes(i) & self.begins, passes(o) & o.payload.last
-        first = ~self.begins & (self.inside == 1)  # it is still coming
+        first = ~self.begins & (self.inside == 1)  # the oldest batch is still coming in
         waiting, last = Signal(), Signal()
         m.d.comb += [
             i.ready.eq(self.takes),
@@ -55,21 +56,23 @@ class Batches(wiring.Component):
 
 
 def sorter() -> Sorter:
-    """A sorter around any cascade."""
+    """Return a sorter around the model of a cascade."""
     part = "splatcore.hdl.sorting.sorter"
     with patch(f"{part}.Queue", Seen), patch(f"{part}.Cascade", Batches):
         return Sorter(SMALL)
 
 
 class Released(wiring.Component):
-    """A sorter, and one batch, any.
+    """A sorter, and one batch, freely chosen.
 
-    Asserted: it leaves with its own target; from the cycle after a release of its half on, if it
-    had begun before, nothing of it leaves, and its entries wait for nobody; without one all of them
-    are offered. An entry goes to the cascade when it is taken. The sorter is idle if no batch is
-    inside, and only then.
+    Asserts:
+    - the batch leaves with its own target;
+    - if its half is released after the batch began, from the next cycle on no entry of it is
+      offered or stalls; without a release all its entries are offered;
+    - an entry goes to the cascade in the cycle in which it is accepted;
+    - the sorter is idle exactly if no batch is inside.
 
-    Nothing is assumed of releases; reset comes whenever it likes.
+    Assumes nothing of releases; reset may come in any cycle.
     """
 
     def __init__(self, part: Sorter):
@@ -120,7 +123,7 @@ class Released(wiring.Component):
         return m
 
     def _why(self, m: Module):
-        """Targets are those of the batches inside; the first ones of a half are those dropped."""
+        """Each batch inside has its target in the queue; a half's oldest batches are dropped."""
         part, targets = self.part, self.part.targets
         m.d.comb += Assert(targets.level == part.part.inside)
         for half in range(HALVES):

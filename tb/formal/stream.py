@@ -1,7 +1,7 @@
-"""Properties of every stream primitive, as components to prove, and why they hold by induction.
+"""Properties to prove of every stream primitive, with their induction invariants.
 
-One item is followed through the part: any, since `pick` is free, so what holds for it holds for
-all. No part looks at its payload, so a few bits of it stand for any width.
+One item is followed through the part. `pick` is free, so the proof covers every item. No part looks
+at its payload, so a few bits stand for any width.
 """
 
 from collections.abc import Callable
@@ -16,14 +16,16 @@ WIDTH = 3  # bits of the payload in proofs
 
 
 class Followed(wiring.Component):
-    """A part with streams `i` and `o` that holds up to `capacity` items, and one of them followed.
+    """A part with streams `i` and `o` that holds up to `capacity` items; one item is followed.
 
-    Asserted: an offer is kept; what comes out went in; it comes in order, once and unchanged; no
-    more than `capacity` items fit; an item inside is offered after fewer than `latency` cycles
-    without an offer, so none is lost; an empty part takes an item. The input side need not keep
-    its offers.
+    Asserts:
+    - an offer is kept;
+    - items come out in order, once and unchanged, and no others;
+    - at most `capacity` items fit;
+    - with an item inside, fewer than `latency` cycles pass without an offer, so none is lost;
+    - an empty part accepts an item.
 
-    Reset comes whenever it likes, so all this holds from any reset on.
+    The input side need not keep its offers. Reset is free, so all this holds after any reset.
     """
 
     def __init__(self, part: wiring.Component, invariant: Callable, latency: int, capacity: int):
@@ -73,8 +75,8 @@ def keeps_offers(m: Module, o, check=Assert) -> Signal:
     return offered
 
 
-# Why it holds: where the followed item is, in terms of each part's registers. Each of these is
-# given the proof, the module to assert in and whether the followed item goes in now.
+# Why it holds: the place of the followed item in each part's registers. Parameters: the proof, the
+# module to assert in, and whether the followed item enters in this cycle.
 
 
 def in_register(proof: Followed, m: Module, picked: Value) -> None:
@@ -107,7 +109,7 @@ def in_stage(proof: Followed, m: Module, picked: Value) -> None:
 
 
 class WatchedQueue(Queue):
-    """A queue with one more port to look at its rows: `row` in, `content` out."""
+    """A queue with an extra read port for its rows: `row` in, `content` out."""
 
     def __init__(self, depth: int, memory: bool = False):
         super().__init__(WIDTH, depth, memory=memory)
@@ -136,7 +138,7 @@ def in_queue(proof: Followed, m: Module, picked: Value) -> None:
 
 
 def in_rows(m: Module, part: WatchedQueue, ahead: Value) -> Value:
-    """What holds of a queue's rows; returns what is in that of the item behind `ahead` others."""
+    """Check a queue's rows and pointers; returns the row of the item behind `ahead` others."""
     head = part.o.valid if part.memory else 0  # items that have left their rows already
     row = part.read + ahead - head
     end = part.read + part.level - head
@@ -152,7 +154,7 @@ def in_rows(m: Module, part: WatchedQueue, ahead: Value) -> Value:
 
 def in_pipe(proof: Followed, m: Module, picked: Value) -> None:
     part, pipe = proof.part, proof.part.pipe
-    stages = Signal(pipe.valid.shape())  # one bit set, that of the followed item's stage
+    stages = Signal(pipe.valid.shape())  # one-hot: stage of the followed item
     with m.If(pipe.enable):
         m.d.sync += stages.eq(Cat(picked, stages))
     m.d.comb += Assert(proof.inside == sum(pipe.valid))
@@ -163,15 +165,15 @@ def in_pipe(proof: Followed, m: Module, picked: Value) -> None:
         here = pipe.valid[k] & (data == proof.value) & (proof.ahead == ahead)
         m.d.comb += [
             Assert(~stages[k] | here),
-            # Without an offer for k cycles the first item has come k stages at least.
+            # After k cycles without an offer, the oldest item has advanced by at least k stages.
             Assert((proof.idle != k) | pipe.valid[k:].any() | (proof.inside == 0)),
         ]
 
 
 class Forked(wiring.Component):
-    """A fork: each output is offered each item once, whatever the others do, and keeps its offers.
+    """A fork: each output offers each item once, whatever the others do, and keeps its offers.
 
-    Here the input side keeps to the rule, as the fork asks of it.
+    Assumes that the input side keeps its offers, too, as the fork requires.
     """
 
     def __init__(self, part: Fork):
@@ -183,7 +185,7 @@ class Forked(wiring.Component):
         m = Module()
         m.submodules.part = part = self.part
         m.d.comb += [part.i.payload.eq(self.payload), part.i.valid.eq(self.valid)]
-        had, taking = Signal(self.count), Signal(self.count)  # outputs that had, take the item
+        had, taking = Signal(self.count), Signal(self.count)  # outputs that had it, take it
         offered = keeps_offers(m, part.i, Assume)
         for k, o in enumerate(part.o):
             m.d.comb += [o.ready.eq(self.ready[k]), taking[k].eq(o.valid & o.ready)]

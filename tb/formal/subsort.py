@@ -1,7 +1,7 @@
-"""Properties of a sub-sorter, as a component to prove, and why they hold by induction.
+"""Properties to prove of a sub-sorter, with their induction invariants.
 
-The proof is of a small one with more phases than its few entries would need. That keys and entries
-are few is no loss: the trees are made by the same loops at any size.
+The proof is of a small sub-sorter, with more phases than its few entries need. Few entries and
+short keys lose nothing: the same loops build the trees at any size.
 """
 
 from dataclasses import replace
@@ -15,30 +15,32 @@ from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.spec.config import TINY
 
 SIZES = (4, 8)
-"""Entries of the sub-sorters that are proved; planted faults are looked for in the first."""
+"""Entries of the sub-sorters that are proven; faults are planted into the smaller one."""
 
 DIGITS = (2, 1, 2, 1, 2)
 
 PHASES = [([(6, 2)], [(5, 1)]), ([], [(3, 2)]), ([(2, 1)], [(0, 2)])]
-"""With and without digits in the first cycle."""
+"""Digits (low bit, width) per phase, in its first and second cycle; one phase has no first ones."""
 
 
 def small(entries: int = SIZES[0]) -> SubSorter:
-    """A sub-sorter of so many entries, with keys of `DIGITS` and these phases."""
+    """Return a sub-sorter of `entries` entries, with keys of `DIGITS` and phases `PHASES`."""
     config = replace(TINY, sub_sorter_entries=entries, sort_digits=DIGITS)
     with patch("splatcore.hdl.sorting.subsort.phases", lambda config: PHASES):
         return SubSorter(config)
 
 
 class Given(wiring.Component):
-    """A sub-sorter and the set of entries that went in and have not been chosen.
+    """A sub-sorter, and the set of entries that went in and have not been chosen.
 
-    Asserted: what is chosen is in the set, so none is given twice; there is no smaller key in it,
-    and no equal key at a lower index; it is called the last one if it is, so all are given; what
-    is given is what was chosen; an offer is kept until a drop, which empties all. (That the memory
-    answers with the key that was written is left to simulation.)
+    Asserts:
+    - the chosen entry is in the set, so none is chosen twice;
+    - the set has no smaller key, and no equal key at a lower index;
+    - the last one is marked as last, so all are chosen;
+    - the output offers the chosen entry and keeps the offer until a drop, which empties all.
 
-    Reset comes whenever it likes, and so does the drop.
+    Reset and drop may come in any cycle. (That the memory returns the key written is left to
+    simulation.)
     """
 
     def __init__(self, part: SubSorter):
@@ -58,7 +60,7 @@ class Given(wiring.Component):
             i.valid.eq(self.valid),
             o.ready.eq(self.ready),
             part.drop.eq(self.drop),
-            Assume(~(part.slot == self.count - 1) | self.last),  # no more than there is room for
+            Assume(~(part.slot == self.count - 1) | self.last),  # no batch is too large
         ]
         put, chosen = i.valid & i.ready, Signal(self.count)
         m.d.comb += chosen.eq(Mux(part.give, 1 << part.index, 0))
@@ -100,7 +102,8 @@ class Given(wiring.Component):
             m.d.comb += Assert(~part.full[p] | (part.slot == 0))
             for other in held[:p]:
                 m.d.comb += Assert((entries & other) == 0)
-            # What a phase has is alike in the digits before, and smaller there than what is behind.
+            # Entries of a phase agree in the digits before it, and are smaller there than entries
+            # of earlier phases.
             for j, one in enumerate(part.keys):
                 for k, two in enumerate(part.keys):
                     if p:
@@ -116,7 +119,7 @@ class Given(wiring.Component):
         m.d.comb += Assert(~part.second | seen)
 
     def _half(self, m: Module, p: int):
-        """Findings of a phase in its first cycle."""
+        """Check a phase's result after its first cycle."""
         part, entries = self.part, self.part.sets[p]
         digits = part.phases[p][0]
         first = [

@@ -1,1 +1,1 @@
-"""Tests of the reference and the golden model."""
+"""Tests of the float64 reference and the golden model."""

@@ -1,4 +1,4 @@
-"""The golden float arithmetic against numpy's float16 and against exact rationals."""
+"""The golden float arithmetic, bit for bit, against numpy's float16 and exact rationals."""
 
 from fractions import Fraction
 from functools import partial
@@ -22,7 +22,7 @@ MILLION = 1_000_000
 
 
 def exact(format: Float, code: int) -> Fraction | float:
-    """The value of a code; ±inf, and None for NaN."""
+    """Return the value of a code: a fraction, ±inf, or None for NaN."""
     fraction = code % 2**format.fraction
     exponent = code >> format.fraction & (2**format.exponent - 1)
     sign = -1 if code >> (format.exponent + format.fraction) else 1
@@ -39,7 +39,7 @@ def is_negative(format: Float, code: int) -> bool:
 
 
 def nearest(format: Float, value: Fraction | float | None, negative: bool) -> int:
-    """The code nearest to a value, the even one of two; `negative` is the sign of a zero."""
+    """Return the code nearest to a value, ties to even; `negative` is the sign of a zero."""
     infinity = (2**format.exponent - (format.overflow == "infinity")) * 2**format.fraction
     if value is None:
         return infinity + 2 ** (format.fraction - 1)
@@ -85,7 +85,7 @@ def exact_sum(format: Float, a: int, b: int) -> int:
 
 
 def float16(operation, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Codes of numpy's result, all NaN alike."""
+    """Return the codes of numpy's result, with one code for all NaN."""
     with np.errstate(all="ignore"):
         value = operation(a.view(np.float16), b.view(np.float16))
     return np.where(np.isnan(value), 0x7E00, value.view(np.uint16))
@@ -115,7 +115,7 @@ def test_float16_compare():
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
 @pytest.mark.slow
 def test_exact(format):
-    """Products, sums and order by rationals: all pairs of small formats, hard ones of large."""
+    """Products, sums and order, by rationals: all pairs of small formats, hard ones of large."""
     small = format in SMALL
     a, b = every_pair(format.width) if small else pairs(format, np.random.default_rng(5), 20_000)
     codes = list(zip(a.tolist(), b.tolist(), strict=True))
@@ -132,7 +132,7 @@ def test_exact(format):
 
 
 def test_multiply_add_rounds_twice():
-    """(1 + ε)² − 1: the square loses ε² before the subtraction."""
+    """(1 + ε)² − 1: the square loses ε² before the subtraction; a fused operation would keep it."""
     one = FP24.encode(1.0)
     above = one + np.uint32(1)
     expected = FP24.encode(2.0**-15)
@@ -167,7 +167,7 @@ FIXED = [
 
 @pytest.mark.parametrize("fixed", FIXED, ids=str)
 def test_fixed(fixed):
-    """Both ways, by rationals."""
+    """Conversion to and from fixed point, against rationals."""
     step = Fraction(2) ** -fixed.fraction
     low = -(2 ** (fixed.width - 1)) if fixed.signed else 0
     high = low + 2**fixed.width - 1
@@ -194,7 +194,7 @@ def test_fixed(fixed):
 
 
 def test_pairs_are_hard():
-    """The generator reaches what it is for: cancellation, underflow, overflow, ties, specials."""
+    """The generated pairs contain cancellation, underflow, overflow, ties and zero sums."""
     a, b = pairs(FP24, np.random.default_rng(8), 80_000)
     x, y = FP24.decode(a), FP24.decode(b)
     product, total = x * y, x + y

@@ -1,4 +1,4 @@
-"""The golden model of colours against exact ones in float64, within a bound for each Gaussian."""
+"""The golden model's colours against float64, within an error bound per Gaussian."""
 
 from dataclasses import replace
 
@@ -18,15 +18,15 @@ from tb.helpers.clouds import cloud
 
 ERROR = {1: 2, 2: 4, 3: 8}
 RMS = {1: 0.5, 2: 0.7, 3: 0.9}
-"""Bounds on the errors of a degree's polynomials, in steps of `POLYNOMIAL` (measured over two
-million directions: 1.7, 3.5 and 7.1; their RMS 0.4, 0.6 and 0.8)."""
+"""Bounds on the error of the polynomials per degree, in steps of `POLYNOMIAL` (measured over two
+million directions: at most 1.7, 3.5 and 7.1; RMS 0.4, 0.6 and 0.8)."""
 
 FLOOR = 2.0**-11
-"""Bound on the error of rounding: seven terms cut at 2^−14, and the colour rounded at 2^−12."""
+"""Bound on the rounding error: seven terms truncated at 2^−14, the colour rounded at 2^−12."""
 
 
 def directions(count: int, seed: int = 0) -> np.ndarray:
-    """Ways [count, 3] from 2^−8 to 2^12 units long, the axes and planes of the axes among them."""
+    """Return vectors [count, 3] of length 2^−8 … 2^12, including axes and planes between axes."""
     rng = np.random.default_rng(seed)
     ways = rng.normal(size=(count, 3))
     ways[:6] = np.concatenate([np.eye(3), -np.eye(3)])
@@ -36,7 +36,7 @@ def directions(count: int, seed: int = 0) -> np.ndarray:
 
 
 def rays(ways: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Rays as stage 1 has them, and the unit vectors [N, 3] that they stand for."""
+    """Return rays in stage 1's format, and the unit vectors [N, 3] that they represent."""
     held = DEFAULT.arithmetic.round(ways)
     unit = held / np.linalg.norm(held, axis=1, keepdims=True)
     return {f"ray_{axis}": held[:, k] for k, axis in enumerate("xyz")}, unit
@@ -55,7 +55,7 @@ def test_polynomials():
 
 
 def check(config, model):
-    """A model's colours are exact within the polynomials' bound times its factors."""
+    """Check that a model's colours are exact within the polynomials' bound times its factors."""
     index = np.arange(len(model))
     found, unit = rays(directions(len(model), 1))
     made = colours(config, model, found, index)
@@ -73,7 +73,7 @@ def check(config, model):
 
 @pytest.mark.parametrize("bits", [-2, 0, 1, 4])
 def test_rounding(bits):
-    """To the nearest, a half upwards."""
+    """Round to nearest, halves up."""
     total = np.arange(-40, 40)
     assert (rounded(total, bits) == np.floor(total / 2.0**bits + 0.5)).all()
 
@@ -85,7 +85,7 @@ def test_hard_cases(name, quality):
 
 
 def test_no_direction():
-    """At the camera's own place all polynomials are as at (0, 0, 0)."""
+    """A Gaussian at the camera's position has no direction: polynomials as of (0, 0, 0)."""
     nowhere = {f"ray_{axis}": np.zeros(1) for axis in "xyz"}
     found = np.concatenate(polynomials(DEFAULT, nowhere), axis=1)[0] * POLYNOMIAL.step
     assert list(found) == [0, 0, 0, 0, 0, -0.5, *9 * [0]]
@@ -96,18 +96,18 @@ def test_no_direction():
 def test_colours(quality, degree):
     scene = cloud(degree, count=5 * CHUNK + 9, degree=degree)
     scene.opacity[:] = 0.5
-    scene.sh[::7] *= 20  # clamped from some sides, at both ends
+    scene.sh[::7] *= 20  # clamped at both ends from some directions
     if quality == "mixed":
         kinds = [k for k, layout in enumerate(LAYOUTS) if not (layout.halves and degree < 3)]
         quality = np.resize(kinds, 6)
     config = replace(DEFAULT, sh_degree=degree)
     check(config, pack(scene, config, quality=quality)[0])
-    if degree < 3:  # a machine for more has the same colours
+    if degree < 3:  # a machine of a higher degree makes the same colours
         check(DEFAULT, pack(scene, config, quality=quality)[0])
 
 
 def test_steps_at_their_ends():
-    """Colours that are tiny or huge: E, s and the Gaussians' own shifts reach their ends."""
+    """Tiny and huge colours: E, s and the Gaussians' own shifts reach their limits."""
     scene = cloud(9, count=8 * CHUNK, degree=3)
     scene.opacity[:] = 0.5
     size = 2.0 ** np.linspace(-14, 9, len(scene))

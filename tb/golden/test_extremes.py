@@ -1,5 +1,5 @@
-"""Finite numbers of any size: the reference and the kernels of gradients render them or count
-them; nothing overflows into an integer."""
+"""Gaussians with finite values of any size: the reference and the gradient kernels render or count
+them. Catches overflows in conversions to integers."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def test_reference(name, convention):
 
 @pytest.mark.parametrize("scale", HUGE)
 def test_gaussians_larger_than_any_integer_cover_the_picture(scale):
-    """Pixel for pixel as if they were as large as need be to have one alpha everywhere."""
+    """They equal Gaussians of scale 1e9, with one alpha at every pixel, or are counted."""
     scene = cloud(2)
     huge, large = (replace(scene, scale=np.full((len(scene), 3), s)) for s in (np.exp(scale), 1e9))
     frame, expected = (render(s.gaussians(), camera()) for s in (huge, large))

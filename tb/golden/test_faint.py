@@ -1,4 +1,4 @@
-"""What is too faint to be seen: the rule's error, and that leaving visits out changes no pixel."""
+"""The faintness rule: bounds on its error, and skipped block visits change no pixel."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ VALUES = [(5, 11, 9), (1, 2, 2), (4, 9, 4), (3, 16, 16), (6, 13, 9), (2, 8, 5)]
 
 @pytest.mark.parametrize("name", HARD)
 def test_error_of_the_rule(name):
-    """At most 2^−a of the range of the colours, in the reference; it is 3DGS's where T stays."""
+    """The error is at most 2^−a of the colour range, and 0 at pixels whose T stays above 2^−a."""
     case = HARD[name](0)
     gaussians = case.scene.gaussians()
     own, faint = (render_reference(gaussians, case.camera, rule) for rule in (SPLATCORE, RULE))
@@ -40,7 +40,7 @@ def test_error_of_the_rule(name):
 
 @pytest.mark.parametrize("name", ["fog", "alternating_layers"])
 def test_cases_are_hard(name):
-    """The rule shows in them: more than arithmetic's errors, and it saves work."""
+    """In these scenes the rule changes more than rounding does, and saves at least 30 % of work."""
     case = HARD[name](0)
     model, _ = pack(case.scene, DEFAULT)
     pictures = [render(config, model, case.camera) for config in (DEFAULT, OFF)]
@@ -51,7 +51,7 @@ def test_cases_are_hard(name):
 
 
 def test_fog():
-    """Behind T of just below 1/32 nothing but what is just visible; it shows in the picture."""
+    """Behind T just below 1/32 all Gaussians are barely visible; together they change the image."""
     case = HARD["fog"](0)
     gaussians = case.scene.gaussians()
     assert (gaussians.opacity[2:] == 1.2 * ALPHA_MIN).all() and len(gaussians) == 5_002
@@ -62,8 +62,8 @@ def test_fog():
 
 
 def test_alternating_layers():
-    """At T of just below 1/32 black layers would take just less than 2^−11, white ones just more,
-    if black ones leave T as it is."""
+    """At T just below 1/32, black layers weigh just less than the threshold 2^−b and white ones
+    just more, provided that the skipped black ones leave T unchanged."""
     case = HARD["alternating_layers"](0)
     z = (case.scene.position @ case.camera.rotation.T + case.camera.translation)[:, 2]
     alpha, left = case.scene.opacity[2:], np.prod(1 - case.scene.opacity[:2])
@@ -74,8 +74,8 @@ def test_alternating_layers():
     assert (before * white > 1).all() and (before * white < 1.1).all()
 
 
-def test_all_of_t_is_given():
-    """A pixel's weights sum to 1 whatever is left out; where it has ended, without background."""
+def test_weights_sum_to_one():
+    """A pixel's weights sum to 1 whatever is skipped; an ended pixel gets no background."""
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     frame, size = render(DEFAULT, model, camera), (camera.width, camera.height)
     half = 1 << DEFAULT.colour_fraction - 1
@@ -91,8 +91,8 @@ def test_all_of_t_is_given():
 
 
 @pytest.mark.parametrize("values", VALUES)
-def test_no_visit_left_out_matters(values):
-    """Pictures are the same when every block is visited whatever its level."""
+def test_skipped_visits_change_no_pixel(values):
+    """The picture is the same if every block is visited, whatever its level."""
     config = replace(DEFAULT, faint=values)
     model, camera = garden(config, 3_000), generated_camera("garden", 240, 136)
     frame, size = render(config, model, camera), (camera.width, camera.height)
@@ -104,7 +104,7 @@ def test_no_visit_left_out_matters(values):
 
 
 def test_levels_leave_blocks_out():
-    """Blocks are not visited that have a pixel of alpha ≥ 1/255 with nothing to be seen of it."""
+    """Levels skip blocks that have pixels of alpha ≥ 1/255 whose contribution is too faint."""
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     faint, own = (render(config, model, camera).raster.counts for config in (DEFAULT, OFF))
     assert faint["visited"] < 0.95 * own["visited"]

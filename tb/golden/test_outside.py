@@ -1,6 +1,6 @@
-"""The reference renderer against gsplat's CPU path, which nobody here wrote.
+"""The reference renderer against gsplat's CPU path, an independent implementation.
 
-The results are stored in `tb/outside`, with the script that made them.
+gsplat's results are stored in `tb/outside`, with the script that made them.
 """
 
 from dataclasses import fields, replace
@@ -16,9 +16,9 @@ from tb.outside.scenes import CASES
 from tb.outside.stored import ATTRIBUTES, FOLDER, GSPLAT, VERSIONS, Stored, load
 
 ERROR_MAX = 1e-6
-"""Largest difference of any pixel; 6e-8 is measured, which is how the files are rounded."""
+"""Largest difference of any pixel; 6e-8 is measured, the rounding of the stored files."""
 
-EFFECT_MIN = 1e-4  # the least effect of a slightly wrong convention on some pixel of some scene
+EFFECT_MIN = 1e-4  # effect of a slightly wrong convention on some pixel of some scene, at least
 
 SLIGHTLY_WRONG = {
     "near": 0.21,
@@ -39,7 +39,7 @@ stored = cache(load)
 
 
 def errors(file: Stored, **changes) -> tuple[float, float]:
-    """Largest difference of the image and of the transmittance, under changed conventions."""
+    """Return the largest difference of image and of transmittance, with changed conventions."""
     camera = replace(file.case.camera, near=changes.pop("near", NEAR_PLANE))
     convention = replace(GSPLAT, **{"background": file.case.background, **changes})
     frame = render(file.case.scene.gaussians(), camera, convention)
@@ -56,22 +56,22 @@ def test_reference_equals_gsplat(name):
 
 @pytest.mark.parametrize("name", CASES)
 def test_integer_pixel_centres_are_the_same(name):
-    """Sampling at +0.5 is our sampling at integers with the principal point shifted."""
+    """Sampling pixels at +0.5 equals sampling at integers with the principal point shifted."""
     image, transmittance = errors(stored(name), pixel_centre=0.0, principal_point_shift=0.5)
     assert max(image, transmittance) <= ERROR_MAX, f"{image:.2e}, {transmittance:.2e}"
 
 
 @pytest.mark.parametrize("field", ["near", *(field.name for field in fields(Convention))])
 def test_every_convention_matters(field):
-    """The scenes are such that no convention could be wrong unseen."""
+    """A slightly wrong value of any convention changes at least one of the stored scenes."""
     change = {field: SLIGHTLY_WRONG[field]}
     effect = {name: float(errors(stored(name), **change)[0]) for name in CASES}
     assert max(effect.values()) > EFFECT_MIN, f"{field}: {effect}"
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_mark_matters(name):
-    """A scene that is compensated by one and not by the other is far off."""
+def test_antialiased_flag_matters(name):
+    """With the scene's `antialiased` flag flipped, the image differs visibly from gsplat's."""
     file = stored(name)
     scene = replace(file.case.scene, antialiased=not file.case.scene.antialiased)
     other = replace(file, case=replace(file.case, scene=scene))
@@ -85,7 +85,7 @@ def test_file_holds_what_the_script_declares(name):
     scene, camera = file.case.scene, file.case.camera
     for attribute in ("width", "height", "fx", "fy", "cx", "cy", "rotation", "translation"):
         np.testing.assert_allclose(getattr(camera, attribute), getattr(case.camera, attribute))
-    for attribute in ATTRIBUTES:  # not to the last bit: exp and log vary between machines
+    for attribute in ATTRIBUTES:  # not bit for bit: exp and log vary between machines
         declared = getattr(case.scene, attribute)
         np.testing.assert_allclose(getattr(scene, attribute), declared, rtol=1e-6)
     assert file.case.background == case.background

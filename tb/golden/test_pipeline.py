@@ -1,4 +1,4 @@
-"""The golden model of the whole machine: its pictures against those of the float64 reference."""
+"""The golden model of the whole machine against the float64 reference: PSNR of its pictures."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from tb.helpers.scenes import needs_scenes, scene_path
 
 
 def psnr(model, camera, rule=SPLATCORE) -> float:
-    """dB of the golden model's 8-bit picture against the reference's, at most 120."""
+    """Return the PSNR in dB of the golden 8-bit picture against the reference, at most 120."""
     frame = render(DEFAULT, model, camera)
     reference = render_reference(model.gaussians(), camera, rule).image
     error = frame.pixels / 255 - np.clip(reference, 0, 1)
@@ -29,7 +29,7 @@ def psnr(model, camera, rule=SPLATCORE) -> float:
 
 @pytest.mark.parametrize("name", HARD)
 def test_hard_cases(name):
-    """Of the rule for what is too faint itself: `test_faint`."""
+    """Against the reference with the faintness rule; `test_faint` tests the rule itself."""
     case = HARD[name](0)
     model, _ = pack(case.scene, DEFAULT, quality=finest(case.scene, DEFAULT))
     assert psnr(model, case.camera, RULE) >= BOUND

@@ -1,4 +1,4 @@
-"""What is compiled or done in batches for speed: the same numbers as by the plain definitions."""
+"""Compiled and batched code of the golden model against the plain definitions, bit for bit."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ FORMATS = (
 
 
 def values_for(format: Float) -> np.ndarray:
-    """Floats of all sizes, a format's own, and those midway between two of them; and the ends."""
+    """Return floats of all sizes, values of the format, midpoints between them, and limits."""
     rng = np.random.default_rng(0)
     codes = rng.integers(0, 1 << format.width, 20_000).astype(code_dtype(format.width))
     own = np.sort(format.decode(codes))
@@ -35,7 +35,7 @@ def values_for(format: Float) -> np.ndarray:
 
 @pytest.mark.parametrize("format", FORMATS, ids=str)
 def test_rounding(format):
-    """Products and sums are those of float64, rounded as the format does it, sign of 0 too."""
+    """Products and sums equal float64's, rounded by the format, including the sign of zero."""
     a, b = values_for(format), np.roll(values_for(format), 7)
     with np.errstate(all="ignore"):
         exact = [a * b, a + b, b - a]
@@ -43,14 +43,14 @@ def test_rounding(format):
     steps = [[2, 0, 1, ABSENT, 0], [3, 0, ABSENT, 1, 0], [4, 0, ABSENT, 1, 1]]
     evaluate(np.array(steps), values, rounding(format))
     for found, wanted in zip(values[2:], exact, strict=True):
-        known = ~np.isnan(wanted) | (format.overflow == "infinity")  # others have no NaN
+        known = ~np.isnan(wanted) | (format.overflow == "infinity")  # other formats have no NaN
         found, wanted = found[known], format.round(wanted[known])
         assert np.array_equal(found, wanted, equal_nan=True)
         assert np.array_equal(np.signbit(found), np.signbit(wanted))
 
 
 def check_equal(found: dict, wanted: dict):
-    """Values by name: all equal, NaN too."""
+    """Check that values are equal by name, NaN included."""
     assert list(found) == list(wanted)
     for name, values in wanted.items():
         assert np.array_equal(found[name], values, equal_nan=True), name
@@ -76,7 +76,7 @@ def test_batches_change_nothing(config, monkeypatch):
 @pytest.mark.parametrize("function", ["reciprocal", "rsqrt"])
 @pytest.mark.parametrize("fraction", [3, 10, 16, 23])
 def test_exact_by_float64(function, fraction):
-    """Also where y is an integer of the last place, which float64 may have just below it."""
+    """Also if the result is an integer in the last place, which float64 may put just below it."""
     rng = np.random.default_rng(0)
     values = np.unique([0, (1 << fraction) - 1, *rng.integers(0, 1 << fraction, 3000)])
     for parity, below in ((0, 12), (1, 12), (0, 24)):

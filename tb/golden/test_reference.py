@@ -1,4 +1,4 @@
-"""The reference renderer against a renderer without tiles, boxes, sorting tricks or numba."""
+"""The reference renderer against a plain loop over pixels and Gaussians: no tiles, no numba."""
 
 import warnings
 from dataclasses import replace
@@ -16,9 +16,10 @@ from tb.helpers.clouds import camera, cloud
 
 
 def plain_render(gaussians: Gaussians, view: Camera, convention=SPLATCORE):
-    """Every pixel against every Gaussian: image, transmittance and per-pixel records.
+    """Blend every Gaussian into every pixel, in depth order.
 
-    `touched[n]` is the mask of live pixels at which Gaussian n has alpha ≥ alpha_min, in order.
+    Returns the image, the transmittance, `touched` and the number of contributions. `touched[n]`
+    is the mask of live pixels at which Gaussian n is visible, in depth order.
     """
     point = gaussians.position @ view.rotation.T + view.translation
     order = sorted(range(len(point)), key=lambda n: (point[n, 2], n))
@@ -72,8 +73,8 @@ def plain_render(gaussians: Gaussians, view: Camera, convention=SPLATCORE):
 
 
 def compensation(half: np.ndarray, blur: float) -> float:
-    """√(det Σ / det(Σ + blur)) of Σ = half·halfᵀ [2, 2] by the lengths of its axes: singular values
-    are small ones to the last digit of the large one, where determinants cancel."""
+    """Return √(det Σ / det(Σ + blur)) of Σ = half·halfᵀ [2, 2], from its singular values: they keep
+    the digits that determinants lose by cancellation."""
     axes = np.linalg.svd(half, compute_uv=False)
     return float(np.prod(axes / np.sqrt(axes**2 + blur)))
 
@@ -124,7 +125,7 @@ def test_wide_view_uses_the_frustum_margin():
 
 
 def straight(depths, opacity=0.6, scale=0.1) -> Gaussians:
-    """Gaussians on the axis of `axis_camera`, each with its own colour."""
+    """Return Gaussians on the axis of `axis_camera`, each with its own colour."""
     count = len(depths)
     position = np.stack([np.zeros(count), np.zeros(count), np.asarray(depths, float)], axis=1)
     sh = np.random.default_rng(1).normal(0, 1, (count, 1, 3))
@@ -151,7 +152,7 @@ def test_the_near_plane_itself_is_culled():
     assert counts["visible"] == 1
 
 
-def test_centre_pixel_by_hand():
+def test_centre_pixel_by_formula():
     """Two Gaussians on the centre pixel: alpha is clamped, the background shows through."""
     gaussians = straight([1.0, 2.0], opacity=1.0)
     convention = replace(SPLATCORE, background=(0.0, 0.0, 1.0))
@@ -218,7 +219,7 @@ def test_smallest_q_against_a_fine_grid():
 
 
 def test_opacity_of_exactly_the_minimum():
-    """The one pixel at the centre has alpha 1/255: drawn; the next smaller opacity is not."""
+    """With alpha 1/255 the centre pixel is drawn; with the next smaller opacity it is not."""
     sharp = straight([1.0], opacity=1 / 255)
     frame = render(sharp, axis_camera())
     assert frame.counts["contributions"] == 1 and frame.image[8, 8].any()
@@ -227,7 +228,8 @@ def test_opacity_of_exactly_the_minimum():
 
 
 def on_axis(sides, opacity=1.0) -> Gaussians:
-    """Marked Gaussians [N, 3] pixels large at depth 1 of `axis_camera`, on its centre pixel."""
+    """Return antialiased Gaussians of sizes `sides` [N, 3] in pixels, on the centre pixel of
+    `axis_camera` at depth 1."""
     count = len(sides)
     position, scale = np.tile([0.0, 0, 1], (count, 1)), np.asarray(sides, float) / 20
     turned = np.tile([1.0, 0, 0, 0], (count, 1))
@@ -236,9 +238,9 @@ def on_axis(sides, opacity=1.0) -> Gaussians:
 
 
 @pytest.mark.parametrize("sides", [(1, 1), (0.01, 0.01), (0.3, 30), (500, 0.001), (1e-4, 2e3)])
-def test_compensation_by_hand(sides):
-    """Of splats along the pixels' axes it is s₀·s₁ / √((s₀² + 0.3)·(s₁² + 0.3)); the extent follows
-    from what is left of the opacity, exactly."""
+def test_compensation_by_formula(sides):
+    """For axis-aligned splats it is s₀·s₁ / √((s₀² + 0.3)·(s₁² + 0.3)); the extent follows exactly
+    from the compensated opacity."""
     wanted = np.prod([side / np.sqrt(side**2 + 0.3) for side in sides])
     lowest = replace(SPLATCORE, alpha_min=1e-9)
     (splats, _) = project(on_axis([(*sides, 0.0)]), axis_camera(), lowest)
@@ -250,7 +252,7 @@ def test_compensation_by_hand(sides):
 
 @pytest.mark.parametrize("length, thickness", [(500, 1e-3), (167, 0.3), (3, 1e-5), (0.01, 0.01)])
 def test_compensation_of_turned_needles(length, thickness):
-    """To 1e-9 of plain arithmetic without determinants, from all sides."""
+    """In any rotation, within 1e-9 of `compensation`, which needs no determinants."""
     rng = np.random.default_rng(7)
     turned = np.linalg.qr(rng.normal(size=(50, 3, 3)))[0]
     factor = turned * np.array([length, thickness, thickness]) / 20
@@ -265,7 +267,7 @@ def test_compensation_of_turned_needles(length, thickness):
 
 
 def test_compensated_opacity_decides_what_is_visible():
-    """At 1/255, not below; a line and a point have no area, and nothing warns of their zeros."""
+    """Splats are visible from 1/255 on. Lines and points have no area, and raise no warnings."""
     one = 1 / 1.3  # of a splat of one pixel
     sides = [(1, 1, 0), (1, 1, 1), (5, 0, 0), (0, 0, 0), (1e100, 1e100, 0)]
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""The work counts of real frames at full HD against the table measured before the design."""
+"""Work counts of real full-HD frames against the table that the design was based on."""
 
 from dataclasses import replace
 
@@ -23,15 +23,15 @@ TABLE = {
     "luma-seal.splat": "102k 96k 3.69M 0.97M 0.71M 5.5M 68M 119 849 1172 0.25M",
     "kitchen.spz": "214k 118k 3.56M 1.46M 1.08M 9.9M 132M 179 407 458 0.41M",
 }
-"""Camera 0 of each scene, opacities as stored; figures as printed, rounded to the last digit."""
+"""Counts for camera 0 of each scene, opacities as stored, rounded to the digits shown."""
 
 CULLED = {"flowers.spz": 0.02, "playbot.spz": 0, "skull.sog": 0, "luma-seal.splat": 0,
           "kitchen.spz": 0.01}  # fmt: skip
-"""Part culled by the near plane, rounded to a percent."""
+"""Fraction of Gaussians culled by the near plane, rounded to a percent."""
 
 
 def printed(text: str) -> tuple[float, float]:
-    """The value of a printed figure and half of its last digit."""
+    """Return the value of a printed figure, and half a unit of its last digit."""
     unit = {"k": 1e3, "M": 1e6}.get(text[-1], 1)
     digits = text.rstrip("kM")
     return float(digits) * unit, unit * 0.5 / 10 ** len(digits.partition(".")[2])

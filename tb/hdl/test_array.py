@@ -1,4 +1,4 @@
-"""Arrays under stalls: items of the garden through every program."""
+"""PE arrays under stalls against the golden programs, bit for bit, on items of the garden."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,7 +16,7 @@ from splatcore.spec.config import DEFAULT
 from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 from tb.helpers.runs import check_run
 
 ITEMS = 300
@@ -37,7 +37,7 @@ def garden() -> Points:
 
 
 def packed(names: tuple[str, ...], values: Values, count: int) -> np.ndarray:
-    """Rows of codes, as the ports of an array carry them."""
+    """Return rows of codes in the format of an array's ports."""
     format = DEFAULT.arithmetic
     record = Record("row", {name: Bits(format.width) for name in names})
     codes = {}
@@ -48,7 +48,7 @@ def packed(names: tuple[str, ...], values: Values, count: int) -> np.ndarray:
 
 
 def rows(name: str, count: int, **changed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fields, outputs and constants of a program's first items."""
+    """Return fields, outputs and constants of a program's first items."""
     steps, part = PROGRAMS[name]
     values = garden().frame.constants | getattr(garden(), part) | changed
     if "stored_attenuation" in steps.fields:
@@ -61,12 +61,12 @@ def rows(name: str, count: int, **changed) -> tuple[np.ndarray, np.ndarray, np.n
 @cache
 def arrays() -> Simulation:
     return Simulation(
-        Beside({name: Array(DEFAULT, steps) for name, (steps, _) in PROGRAMS.items()})
+        SideBySide({name: Array(DEFAULT, steps) for name, (steps, _) in PROGRAMS.items()})
     )
 
 
 def check(given: dict[str, tuple], stall: float = 0, seed: int = 0):
-    """All items come out in order, every bit."""
+    """Check that all items come out in order, bit for bit."""
     expected = {f"{name}__o": outputs for name, (_, outputs, _) in given.items()}
     inputs = {f"{name}__i": fields for name, (fields, _, _) in given.items()}
     constants = {f"{name}__constants": row for name, (_, _, row) in given.items()}

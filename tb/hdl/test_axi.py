@@ -1,4 +1,4 @@
-"""Memory port and registers under the models of `cocotbext-axi`; the port's pace without pauses."""
+"""Memory port and registers under the models of `cocotbext-axi`; throughput and stray responses."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.verify)])
 @pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
 def test_under_cocotbext(name, part, seed):
-    """Clients and memories; the host on the registers' AXI4-Lite."""
+    """Clients and a memory at the port; a host at the registers' AXI4-Lite."""
     under_cocotbext(part, name, DEFAULT, seed)
 
 
@@ -41,20 +41,23 @@ def test_other_port_under_cocotbext():
 
 @pytest.mark.parametrize("name, part", [("axi", Axi), ("registers", Registers)])
 def test_wide_addresses_under_cocotbext(name, part):
-    """Bursts in two windows of 4 GiB, another one at each client in every cycle; the registers."""
+    """Bursts in two windows of 4 GiB, which alternate at each client in every cycle; registers."""
     under_cocotbext(part, name, wide_addresses(DEFAULT))
 
 
 NAMES = ("arvalid", "arid", "wvalid", "wlast", "awvalid", "awid", "rready")
 SAMPLES = (*(f"m_axi__{name}" for name in NAMES), "idle", "settled", "stray")
 CYCLES = 1400
-ASKED = 60  # bursts of each reader that a half's count has room for
+ASKED = 60  # bursts per reader; a half's counter has room for them
 
 
 def run(
     reads: int = 0, writes: int = 0, beats: int = 1, favoured: int = 0, patient: int = 0, **port
 ) -> Result:
-    """So many bursts for each reader and each writer, and what the port's inputs are."""
+    """Run `reads` bursts per reader and `writes` per writer, of `beats` beats each.
+
+    port: values of the port's inputs by name, others are 0
+    """
     rng = np.random.default_rng(0)
 
     def rows(record, count, **codes):
@@ -81,7 +84,7 @@ def run(
 
 
 def gaps(signal: np.ndarray) -> int:
-    """Cycles between the first and the last one that are not 1."""
+    """Return the number of cycles between the first and the last 1 that are not 1."""
     found = np.flatnonzero(signal)
     return int(found[-1] - found[0] + 1 - len(found))
 
@@ -96,7 +99,7 @@ def test_a_read_every_cycle():
 
 @pytest.mark.parametrize("half", [PREPROCESSING, RENDERING])
 def test_a_half_comes_first(half):
-    """What the favoured half writes comes before all of the other one's, patient writers last."""
+    """Writes of the favoured half come before those of the other half, patient writers last."""
     patient = list(WRITERS.values()).index(half)
     found = run(writes=40, favoured=1 << half, patient=1 << patient, awready=1, wready=1).samples
     order = found["m_axi__awid"][found["m_axi__awvalid"] == 1]
@@ -107,7 +110,7 @@ def test_a_half_comes_first(half):
 
 
 def test_patient_writers_wait_for_reads():
-    """They begin nothing while `CROWD` bursts of a half are to come back; others go on."""
+    """They begin no burst while a half has `CROWD` reads in flight; other writers go on."""
     most, patient = (
         max(np.bincount(list(READERS.values()))),
         list(WRITERS.values()).index(RENDERING),
@@ -131,8 +134,10 @@ def test_a_beat_written_every_cycle(beats):
 
 
 def answered(client: np.ndarray, seed: int, asked: int = ASKED) -> tuple[Result, dict]:
-    """A run in which so many single beats are asked for by each reader, and then beats of these
-    clients come back without a pause; the run, and what the port's inputs were."""
+    """Have each reader request `asked` single beats, then return beats of `client` without a pause.
+
+    Returns the run, and the port's inputs from the first beat on.
+    """
     rng, count = np.random.default_rng(seed), len(client)
     first = asked * len(READERS) + 10
     answers = {
@@ -147,7 +152,7 @@ def answered(client: np.ndarray, seed: int, asked: int = ASKED) -> tuple[Result,
 
 
 def check_beats(found: Result, inputs: dict, k: int, mine: np.ndarray):
-    """These beats, and no others, have come to a reader."""
+    """Check that reader k received these beats and no others."""
     beats = found.outputs[f"data__{k}"]
     assert (beats[:, :-1] == inputs["rdata"][mine]).all()
     assert (beats[:, -1] == inputs["rlast"][mine]).all()
@@ -161,30 +166,30 @@ def test_a_beat_read_every_cycle():
     assert not found.samples["stray"].any()
 
 
-def test_beats_of_nobody_are_dropped():
-    """Those with an ID that no reader has, among others: they are told, and nothing else waits."""
+def test_beats_with_unknown_ids_are_dropped():
+    """Beats with an ID that no reader has are reported as strays, and stall no other beat."""
     client = np.random.default_rng(2).integers(0, 1 << ID_BITS, 500)
     found, inputs = answered(client, 2)
     for k in range(len(READERS)):
         check_beats(found, inputs, k, client == k)
-    told = found.samples["stray"]
+    strays = found.samples["stray"]
     assert len(READERS) < 1 << ID_BITS
-    assert sorted(told[told != 0]) == sorted(1 | client[client >= len(READERS)] << 1)
+    assert sorted(strays[strays != 0]) == sorted(1 | client[client >= len(READERS)] << 1)
 
 
-def test_beats_that_nobody_awaits_are_dropped():
-    """A half that waits for nothing takes nothing, and stays idle."""
+def test_unrequested_beats_are_dropped():
+    """A half without reads in flight takes no beat and stays idle; each beat is a stray."""
     client = np.random.default_rng(3).integers(0, len(READERS), 100)
     found, _ = answered(client, 3, asked=0)
     assert not any(len(found.outputs[f"data__{k}"]) for k in range(len(READERS)))
     assert (found.samples["idle"] == (1 << len(HALVES)) - 1).all()
-    told = found.samples["stray"]
-    assert (told[told != 0] == (1 | client << 1)).all() and (told != 0).sum() == len(client)
+    strays = found.samples["stray"]
+    assert (strays[strays != 0] == (1 | client << 1)).all() and (strays != 0).sum() == len(client)
 
 
 @pytest.mark.parametrize("more", [0, 7])
-def test_answers_too_many(more):
-    """As many as there were bursts settle a writer; more, and those of nobody, are told."""
+def test_surplus_responses(more):
+    """One response per burst settles a writer; surplus ones and unknown IDs are strays."""
     bursts, asked = 3, len(WRITERS)
     client = np.concatenate([
         np.tile(np.arange(asked), bursts), np.arange(more) % asked, np.arange(asked, 1 << ID_BITS),
@@ -196,9 +201,9 @@ def test_answers_too_many(more):
     settled = found["settled"]
     assert (settled[-1] == (1 << asked) - 1) and (settled[first] == 0)
     assert found["idle"][-1] == (1 << len(HALVES)) - 1
-    told = found["stray"]
+    strays = found["stray"]
     right = 1 | client[bursts * asked :] << 1 | 1 << ID_BITS + 1
-    assert (told[told != 0] == right).all() and (told != 0).sum() == len(right)
+    assert (strays[strays != 0] == right).all() and (strays != 0).sum() == len(right)
 
 
 def test_as_many_bursts_as_can_be_counted():
@@ -208,12 +213,15 @@ def test_as_many_bursts_as_can_be_counted():
     assert result.samples["m_axi__awvalid"].sum() == len(WRITERS) * most < CYCLES
 
 
-EARLY, OPENED, LATE = 20, 40, 80  # cycles: answers, the port takes what waits, answers again
+EARLY, OPENED, LATE = 20, 40, 80  # cycles: responses, the held channel opens, responses
 
 
 def too_early(clients: int, held: str) -> tuple[np.ndarray, dict]:
-    """Answers to all clients before what is waited for has left, and again after; the clients that
-    are to be told as strays, and the port's inputs. held: READY of these is low until `OPENED`."""
+    """Return the clients whose responses come too early, and the port's inputs.
+
+    All clients get a response before their burst has left, and one after.
+    held: the READY that is low until `OPENED`
+    """
     ids, last = np.arange(clients), LATE + clients
     valid, client = np.zeros((2, last + 1), np.uint64)
     for first in (EARLY, LATE):
@@ -225,25 +233,25 @@ def too_early(clients: int, held: str) -> tuple[np.ndarray, dict]:
 
 @pytest.mark.parametrize("held", ["awready", "wready"])
 @pytest.mark.parametrize("beats", [1, 2, 5])
-def test_answers_before_a_burst_has_left(held, beats):
-    """A burst is not done before its address and its last beat have left: they are told."""
+def test_responses_before_a_burst_has_left(held, beats):
+    """Responses before a burst's address and last beat have left are strays; the burst is open."""
     ids, port = too_early(len(WRITERS), held)
     valid, client = port.pop("valid"), port.pop("id")
     found = run(writes=1, beats=beats, bvalid=valid, bid=client, **port).samples
     first = int(found["m_axi__awid"][np.flatnonzero(found["m_axi__awvalid"])[0]])
     assert not (found["settled"][10:OPENED] >> first & 1).any()
     assert found["settled"][-1] == (1 << len(ids)) - 1 and found["idle"][-1] == 0b11
-    told = found["stray"]
-    assert (told[told != 0] == (1 | ids << 1 | 1 << ID_BITS + 1)).all()
-    assert np.flatnonzero(told).max() < LATE
+    strays = found["stray"]
+    assert (strays[strays != 0] == (1 | ids << 1 | 1 << ID_BITS + 1)).all()
+    assert np.flatnonzero(strays).max() < LATE
 
 
-def test_beats_before_a_burst_is_asked_for():
+def test_beats_before_a_burst_is_requested():
     ids, port = too_early(len(READERS), "arready")
     valid, client = port.pop("valid"), port.pop("id")
     result = run(reads=1, rvalid=valid, rid=client, rlast=1, **port)
     found = result.samples
     assert not (found["idle"][10:OPENED] & 1).any() and found["idle"][-1] == 0b11
-    told = found["stray"]
-    assert (told[told != 0] == (1 | ids << 1)).all() and np.flatnonzero(told).max() < LATE
+    strays = found["stray"]
+    assert (strays[strays != 0] == (1 | ids << 1)).all() and np.flatnonzero(strays).max() < LATE
     assert all(len(result.outputs[f"data__{k}"]) == 1 for k in ids)

@@ -1,4 +1,4 @@
-"""Binning: the golden model against exact tiles and as linked lists, hardware against it."""
+"""Binning: the golden model against exact tiles and its linked lists; hardware against golden."""
 
 from dataclasses import replace
 
@@ -35,13 +35,13 @@ from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
 
 RATIO = {"needle": 1.2, "vast": 1.05}
-"""Tiles for each exact one at most, where it is not `RATIO_MAX`: a unit of a needle or a splat of
-thousands of pixels is some pixels."""
+"""Largest ratio of tiles found to exact tiles, if not `RATIO_MAX`: for needles and splats of
+thousands of pixels, the unit is some pixels."""
 RATIO_MAX = 1.03
 
 
 def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), **options) -> Frame:
-    """Splats of all sorts on an image that is `smaller` than the machine's largest."""
+    """Return a frame with splats of all kinds, `smaller` than the machine's largest image."""
     width, height = config.width_max - smaller[0], config.height_max - smaller[1]
     kinds = (*KINDS, FADED) if config.compensates else KINDS
     parts = [splats(config, kind, count, (width, height)) for kind in kinds]
@@ -51,7 +51,7 @@ def random_frame(config: Config, count: int, smaller: tuple[int, int] = (0, 0), 
 
 
 def stretched(config: Config, codes: dict) -> dict:
-    """The same splats, wider and as much farther to the side: centres beyond any scale."""
+    """Return the splats wider and, by the same factor, farther to the side, beyond any scale."""
     factor = 2.0 ** np.random.default_rng(1).integers(0, 24, len(codes["u"]))
     names = ("u", "half_width", "slope") if config.tile_test == "exact" else ("u", "radius")
     wider = {name: config.arithmetic.decode(codes[name]) * factor for name in names}
@@ -59,7 +59,7 @@ def stretched(config: Config, codes: dict) -> dict:
 
 
 def at_edges(config: Config, codes: dict, size: tuple[int, int]) -> dict:
-    """The same splats, most of them moved so that a side of their box passes the image."""
+    """Return the splats, most of them moved so that a side of their box is in or near the image."""
     rng, moved = np.random.default_rng(0), dict(codes)
     lengths = ("half_width", "half_height") if config.tile_test == "exact" else ("radius", "radius")
     for place, length, pixels in zip("uv", lengths, size, strict=True):
@@ -77,7 +77,7 @@ def test_no_tile_is_missing(name, kind):
     config = MACHINES[name]
     for smaller in (0, 11):
         size = (config.width_max - smaller, config.height_max - 2 * smaller)
-        count = 500 if kind in ("huge", "vast") else 2000  # these touch thousands of tiles each
+        count = 500 if kind in ("huge", "vast") else 2000  # they touch thousands of tiles each
         frame = Frame(splats(config, kind, count, size, seed=smaller), *size)
         found = bin_frame(config, frame)
         exact, missing = compare_tiles(config, frame, found)
@@ -98,7 +98,7 @@ def test_opacities_below_a_level_touch_nothing(tile_test):
     assert found.features["opacity"].max() == (1 << OPACITY.width) - 1
 
 
-def test_a_tile_that_is_missing_is_seen():
+def test_missing_tile_is_detected():
     frame = Frame(splats(DEFAULT, "common", 100, (640, 400)), 640, 400)
     found = bin_frame(DEFAULT, frame)
     mask = found.entries["mask"]
@@ -109,7 +109,7 @@ def test_a_tile_that_is_missing_is_seen():
 
 @pytest.mark.parametrize("name, count", with_counts(SCENES))
 def test_against_reference(name, count):
-    """No tile is missing, neither by the splats' own codes nor by the reference's numbers."""
+    """No tile is missing, neither by the splats' own codes nor by the float64 reference."""
     frame, model, camera, points = scene_frame(name, count)
     found = bin_frame(DEFAULT, frame)
     exact, missing = compare_tiles(DEFAULT, frame, found)
@@ -124,8 +124,8 @@ def test_against_reference(name, count):
 
 
 def test_features():
-    """Colours are clamped at 0, saturate, are 255/256 of what they were and lose low bits where
-    they are bright; centres beyond 2^11 pixels have coarser units; factors lose no leading bit."""
+    """Colours are clamped at 0, saturate, are scaled by 255/256 and lose low bits if bright;
+    centres beyond 2^11 pixels have coarser units; factors lose no leading bit."""
     format, colour = DEFAULT.arithmetic, colour_format(DEFAULT)
     value = {"red": [-1.0, 0.25, 1e9], "green": [1.25, 1.255, 3], "blue": [0] * 3}
     value |= {"attenuation": [0, 9, 255], "u": [0.1, -2.5, 1e5], "v": [-2047.9, 7000, 1e9]}
@@ -179,7 +179,7 @@ def test_memory_that_is_too_small():
 
 
 def check_cycles(run, results: list[Binned]):
-    """At most a cycle for each row and entry, and some for each frame."""
+    """Check that a run takes at most one cycle per row and entry, plus some per frame."""
     rows, entries = sum(r.rows for r in results), sum(len(r.group) for r in results)
     overhead = sum(2 * len(result.lists.count) + 100 for result in results)
     assert run.cycles <= rows + entries + overhead
@@ -191,7 +191,7 @@ def check_cycles(run, results: list[Binned]):
     [pytest.param(k, marks=pytest.mark.verify if k == "SQUARE" else ()) for k in MACHINES],
 )
 def test_hardware_equals_golden(name):
-    """Frames of several sizes in a row, the last one again: nothing stays from those before."""
+    """Frames of several sizes in one run: no frame leaves state for the next."""
     config = MACHINES[name]
     count = 150 if config.width_max == TINY.width_max else 40
     frames = [random_frame(config, count, smaller) for smaller in ((0, 0), (11, 27), (0, 0))]
@@ -203,7 +203,7 @@ def test_hardware_equals_golden(name):
     for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
         _, results = check(name, frames, stall, seed)
     quarters = set(results[0].entries["key"] >> config.sort_key_bits - 2)
-    if key_shift(config):  # codes by one, two and many, and those below the base
+    if key_shift(config):  # keys in steps of one, two and many codes, and below the base
         assert {0, 2, 3} <= quarters
         assert (results[0].entries["key"] < 1 << below_bits(config)).any()
 
@@ -232,7 +232,7 @@ def test_hardware_equals_golden_on_scenes(name):
 
 @pytest.mark.slow
 def test_queues_and_buffers_fill_and_run_empty():
-    """Splats wait until no more features fit; buffers of all levels are filled and flushed."""
+    """The feature queue fills up, and splats wait; buffers of all levels are filled and flushed."""
     frames = [random_frame(TINY, 60 + k, (k, 0)) for k in range(8)]
     run, results = check("SHORT", frames, 0.8)
     room, finishing = run.samples["room"], run.samples["finishing"]
@@ -246,8 +246,8 @@ def test_queues_and_buffers_fill_and_run_empty():
 
 
 @pytest.mark.slow
-def test_an_entry_a_cycle():
-    """Whatever the groups are; `finish` comes so early that a cycle more would lose entries."""
+def test_one_entry_per_cycle():
+    """For any order of groups; `finish` comes so early that one lost cycle would lose entries."""
     rng, count, groups = np.random.default_rng(0), 3000, groups_max(TINY)
     record, lists = bin_entry_record(TINY), Simulation(ListWriter(TINY))
     for choice in (np.zeros(count, int), rng.integers(0, groups, count), np.arange(count) // 3 % 4):
@@ -271,16 +271,16 @@ def test_an_entry_a_cycle():
 
 
 @pytest.mark.slow
-def test_pages_that_do_not_hold_the_lists(monkeypatch):
-    """More pages than there are is told, also where there are as many as can be numbered, so that
-    the count of those needed stays there; the next frame, without entries, knows nothing of it."""
+def test_too_few_pages(monkeypatch):
+    """`exceeded` reports missing pages, even if all page numbers exist and `needed` saturates; in
+    the next frame, without entries, both are 0."""
     bits, groups, room = 3, groups_max(TINY), 100
     monkeypatch.setattr(binning, "PAGE_BITS", bits)
     most = (1 << bits) - 1
     simulation = Simulation(ListWriter(TINY), samples=("needed", "exceeded", "done"))
     for pages in (0, 1, most - 1, most):
         for wanted in sorted({1, pages, pages + 1, most, most + 1, most + 9} - {0}):
-            entries = wanted * (TINY.page - 1)  # a page's last slot is none; all are of one group
+            entries = wanted * (TINY.page - 1)  # without a page's last slot; all of one group
             finish = np.repeat([0, 1, 0, 1], [groups + entries, room, 2, room]).astype(np.uint64)
             run = simulation.run(
                 {"i": np.zeros((entries, bin_entry_record(TINY).size), np.uint8)},

@@ -1,4 +1,4 @@
-"""Binning by the original renderer's 3σ square: its radius, its tiles, its pairs."""
+"""Binning by the original renderer's 3σ square: radius, tiles and pairs against exact squares."""
 
 from dataclasses import replace
 
@@ -26,26 +26,28 @@ SQUARE = replace(DEFAULT, name="SQUARE", tile_test="3sigma")
 RADIUS_ERROR = 3  # half steps of the arithmetic
 
 RATIO_MAX = 1.05
-"""Tiles for each one of the exact square at most: a splat of thousands of pixels has units of some
-pixels."""
+"""Largest ratio of tiles found to tiles of the exact square: for splats of thousands of pixels, the
+unit is some pixels."""
 
 
 def radii(covariance: np.ndarray) -> np.ndarray:
-    """Half sides [N] for covariances [N, 3] xx, xy, yy."""
+    """Return the squares' half sides [N] for covariances [N, 3] xx, xy, yy."""
     xx, xy, yy = covariance.T
     return SIGMA_EXTENT * np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy))
 
 
 def covariances(conic: np.ndarray) -> np.ndarray:
-    """Covariances [N, 3] xx, xy, yy of conics [N, 3] A, B, C."""
+    """Return covariances [N, 3] xx, xy, yy of conics [N, 3] A, B, C."""
     a, b, c = conic.T
     return np.stack([c, -b, a], axis=1) / (a * c - b * b)[:, None]
 
 
 def square_tiles(centre: np.ndarray, radius: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Tiles [N, 4] x0, x1, y0, y1 with a pixel's centre in the square; x1 < x0 if there is none.
+    """Return tiles [N, 4] x0, x1, y0, y1 with a pixel's centre in the square; x1 < x0 if none.
 
-    centre [N, 2] and radius [N] in pixels, size of the image.
+    centre: [N, 2], pixels
+    radius: [N], pixels
+    size: image width and height, pixels
     """
     last = np.array(size) - 1
     low = np.ceil(np.maximum(centre - radius[:, None], 0))
@@ -56,7 +58,7 @@ def square_tiles(centre: np.ndarray, radius: np.ndarray, size: tuple[int, int]) 
 
 
 def found_boxes(config: Config, frame: Frame, found: Binned) -> np.ndarray:
-    """The same [N, 4] of the tiles that binning has, all of which must fill their box."""
+    """Return the boxes [N, 4] of the tiles that binning found, which must fill their box."""
     boxes = np.tile(np.array([1 << 30, -1, 1 << 30, -1]), (len(frame), 1))
     splat, row, column = found_tiles(config, frame, found)
     for k, tile in enumerate((column, row)):
@@ -69,7 +71,7 @@ def found_boxes(config: Config, frame: Frame, found: Binned) -> np.ndarray:
 
 
 def areas(boxes: np.ndarray) -> np.ndarray:
-    """Tiles in boxes [N, 4]."""
+    """Return the number of tiles in boxes [N, 4]."""
     return (boxes[:, 1] - boxes[:, 0] + 1) * (boxes[:, 3] - boxes[:, 2] + 1)
 
 
@@ -78,10 +80,11 @@ def compare_squares(
     centre: np.ndarray | None = None, radius: np.ndarray | None = None,
     splats: np.ndarray | None = None,
 ) -> tuple[int, int]:  # fmt: skip
-    """Pairs of squares and tiles that touch, and squares of which binning lacks a tile.
+    """Return the number of touching squares and tiles, and of squares with a missing tile.
 
-    centre [M, 2] and radius [M] in pixels are those of splats [M], numbers in the frame; what the
-    splats' own conics say, of all, if they are not given.
+    centre: [M, 2], pixels; by default from the splats' own conics
+    radius: [M], pixels; likewise
+    splats: [M], their numbers in the frame; by default all
     """
     if centre is None:
         ellipses = Ellipses.of(config, frame.splats)
@@ -95,7 +98,7 @@ def compare_squares(
 
 @pytest.mark.parametrize("config", [SQUARE, PAPER], ids=lambda config: config.name)
 def test_radius(config):
-    """Splats of all shapes, circles, and all but circles, whose difference's square is lost."""
+    """Radii of all shapes, of circles, and of near circles, whose (xx − yy)² is lost."""
     rng, pixel = np.random.default_rng(0), 2.0**config.screen_exponent
     long, thin = np.exp(rng.uniform(-4, 6, 20_000)), np.exp(rng.uniform(-8, 0, 20_000))
     angle = rng.uniform(-np.pi, np.pi, len(long))
@@ -127,7 +130,7 @@ def test_no_tile_of_the_square_is_missing(config, kind):
         assert exact <= pairs(found) <= exact * RATIO_MAX
 
 
-def test_a_tile_that_is_missing_is_seen():
+def test_missing_tile_is_detected():
     frame = Frame(splats(SQUARE, "tiny", 300, (640, 400)), 640, 400)
     found = bin_frame(SQUARE, frame)
     assert compare_squares(SQUARE, frame, found)[1] == 0
@@ -138,9 +141,9 @@ def test_a_tile_that_is_missing_is_seen():
 
 @pytest.mark.parametrize("name, count", with_counts(["flowers.spz", "skull.sog"]))
 def test_against_reference(name, count):
-    """No tile of the reference's squares is missing; pairs are the original renderer's, nearly.
+    """No tile of the reference's squares is missing; pairs are within 5 % of the original's.
 
-    That one rounds the radius up to whole pixels.
+    The original renderer rounds the radius up to whole pixels.
     """
     _, model, camera, _ = scene_frame(name, count)
     points = project_points(SQUARE, model, camera)
@@ -158,7 +161,7 @@ def test_against_reference(name, count):
 
 
 def test_picture_is_the_original_renderers():
-    """Closer to the reference with squares than to that with exact tiles: their edges are seen."""
+    """It is closer to the reference with squares than with exact tiles: their edges are visible."""
     _, model, camera, _ = scene_frame("garden", None)
     pixels = render(SQUARE, model, camera).pixels
     original, exact = (
@@ -170,7 +173,7 @@ def test_picture_is_the_original_renderers():
 
 @pytest.mark.slow
 def test_size_and_depth():
-    """Only what squares need is built for them."""
+    """A machine with squares contains only the logic that squares need."""
     found, exact = gates(Bin(SQUARE)), gates(Bin(DEFAULT))
     assert exact.nand2 < 48_500 and exact.memory_bits < 18_000 * 8
     assert exact.speed_depth <= DEPTH_MAX

@@ -1,4 +1,4 @@
-"""The work area as it is written: each at its place, and `empty` only where nothing waits."""
+"""Writing the work area: every byte at its address, and `empty` only while no write waits."""
 
 import numpy as np
 import pytest
@@ -19,20 +19,20 @@ pytestmark = [
 
 SPLATS, BURSTS, GROUPS = 301, 150, 45  # lines that are not full at the end
 FEATURES_AT, LISTS_AT, GROUPS_AT = 0x1000, 0x40000, 0x8000  # beats
-END = 4000  # cycles after which nothing more comes
+END = 4000  # the cycle of `finish`; nothing more comes then
 
 SAMPLES = ("empty", *(f"writes__{n}__valid" for n in range(len(WRITING))))
 
 
 def noise(rng: np.random.Generator, record: Record, count: int) -> np.ndarray:
-    """Rows of a record, uint8 [count, size], of any bits."""
+    """Return random rows of a record, uint8 [count, size]."""
     rows = rng.integers(0, 256, (count, record.size), np.uint8)
     rows[:, -1] &= 255 >> 8 * record.size - record.width
     return rows
 
 
 def written(config: Config, rows: np.ndarray) -> dict[int, int]:
-    """Bytes of memory that a writer's rows leave behind, by address."""
+    """Return the bytes that a writer's rows write to memory, by address."""
     codes, size = write_record(config).unpack(rows), port_bytes(config)
     memory, place = {}, 0
     for k in range(len(rows)):
@@ -46,15 +46,14 @@ def written(config: Config, rows: np.ndarray) -> dict[int, int]:
 
 
 def placed(beat: int, rows: np.ndarray, size: int) -> dict[int, int]:
-    """Bytes by address of rows that lie in steps of `size` from a beat on, zeros behind each."""
+    """Return bytes by address: rows from `beat` on, each padded with zeros to `size` bytes."""
     padded = np.pad(rows, ((0, 0), (0, size - rows.shape[1])))
     return {BEAT * beat + n: int(value) for n, value in enumerate(padded.ravel())}
 
 
 @pytest.mark.parametrize("stall", [0, 0.5, 0.9])
 def test_work_area(config, stall):
-    """Every byte of features, pages and the table of groups; there is room for a feature less than
-    come."""
+    """Every byte of features, pages and the table of groups, with room for all features but one."""
     rng = np.random.default_rng(int(10 * stall))
     features = noise(rng, feature_record(config), SPLATS)
     groups = noise(rng, group_record(), min(GROUPS, groups_max(config)))

@@ -1,4 +1,4 @@
-"""A cascade of merges, and a sub-sorter around it, against a stable sort; its pace; drops."""
+"""A cascade of merges, and a sorter around it, against a stable sort; throughput and releases."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def rows_of(config: Config, batches: list[np.ndarray]) -> np.ndarray:
 
 
 def run(name: str, batches: list[np.ndarray], stall: float = 0, seed: int = 0, part=None, **more):
-    """A run, compared with the golden model."""
+    """Run, and compare with the golden model."""
     config = MACHINES[name]
     wanted = {"o": ranked_record(config).pack(sub_sort(batches))}
     part = part or compiled(Cascade, config)
@@ -41,7 +41,7 @@ def run(name: str, batches: list[np.ndarray], stall: float = 0, seed: int = 0, p
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_equals_stable_sort(name):
-    """Batches of every size, ties among them, with and without stalls."""
+    """Batches of every size, with ties, with and without stalls."""
     for seed, stall in enumerate((0, 0.3, 0.7)):
         run(name, batches_of(MACHINES[name], 40, seed), stall, seed)
 
@@ -49,8 +49,8 @@ def test_equals_stable_sort(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["default", "tiny"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_entry_a_cycle(kind, name):
-    """Whatever the keys: full batches follow each other; one by itself as the model says."""
+def test_one_entry_per_cycle(kind, name):
+    """For any keys: full batches follow each other without gaps; a single one as in the model."""
     config, random = MACHINES[name], np.random.default_rng(1)
     size = config.sub_sorter_entries
     keys = [KINDS[kind](config.sort_key_bits, size, random) for _ in range(6)]
@@ -62,7 +62,7 @@ def test_an_entry_a_cycle(kind, name):
 
 
 def sent(rows: np.ndarray, width: int, to: np.ndarray) -> np.ndarray:
-    """Rows of so many bits with their target above."""
+    """Return rows of `width` bits with their target in the bits above."""
     wide = np.zeros((len(rows), 8), np.uint8)
     wide[:, : rows.shape[1]] = rows
     codes = wide.view("<u8")[:, 0] | to.astype(np.uint64) << np.uint64(width)
@@ -70,7 +70,7 @@ def sent(rows: np.ndarray, width: int, to: np.ndarray) -> np.ndarray:
 
 
 def check_release(kind: str, part: Simulation, **more):
-    """Jobs of both halves, and a release of the first half at any moment of the second's job."""
+    """Check jobs of both halves, with a release of the first half in each cycle of the second's."""
     config, random = TINY, np.random.default_rng(2)
     sizes, halves = (16, 5, 1, 16, 9, 3, 16, 7), (0, 0, 0, 1, 1, 0, 0, 1)
     batches = [KINDS[kind](config.sort_key_bits, size, random) for size in sizes]
@@ -95,8 +95,8 @@ def check_release(kind: str, part: Simulation, **more):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_release_drops_what_is_inside(kind):
-    """Of a half whose job is over nothing more comes; what follows comes whole."""
+def test_release_drops_batches_inside(kind):
+    """After a release, no entry of the half's earlier batches comes; later batches come whole."""
     check_release(kind, compiled(Sorter, TINY))
 
 
@@ -110,7 +110,7 @@ RELEASES = {
 
 
 def check_releases(part: Simulation, fault: int):
-    """Runs that find every fault at a release."""
+    """Check that passes without a fault and fails with each one."""
     check_release("random", part, fault=fault)
 
 
@@ -130,7 +130,7 @@ FAULTS = {
 
 
 def check_all(part: Simulation, fault: int):
-    """Runs that find every fault."""
+    """Check that passes without a fault and fails with each one."""
     for seed, stall in enumerate((0, 0.5)):
         run("tiny", batches_of(TINY, 40, seed), stall, seed, part, fault=fault)
 

@@ -1,4 +1,4 @@
-"""The check of a frame's registers against plain integers, at the ends of what is allowed."""
+"""The check of a frame's registers against plain integers, on both sides of every limit."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ Frame = dict[str, int]
 
 
 class Checking(wiring.Component):
-    """`Check` beside a stream of nothing."""
+    """`Check`, with an empty stream, which the test harness needs."""
 
     def __init__(self, config: Config):
         self.check = Check(config)
@@ -38,7 +38,7 @@ class Checking(wiring.Component):
 
 
 def found(config: Config, frames: list[Frame]) -> list[tuple[int, int]]:
-    """Error and detail of each frame, whose registers stay as long as that takes."""
+    """Return error and detail per frame, whose registers are held for `LATENCY` cycles."""
     registers = frame_registers(config)
     record = Record("frame", {register.name: Bits(register.width) for register in registers})
     codes = {r.name: np.array([f.get(r.name, 0) for f in frames], np.uint64) for r in registers}
@@ -53,7 +53,7 @@ def found(config: Config, frames: list[Frame]) -> list[tuple[int, int]]:
 
 
 def expected(config: Config, frame: Frame) -> tuple[int, int]:
-    """The first error by plain integers."""
+    """Return the first error and its detail, by plain integers."""
     names = [register.name for register in frame_registers(config)]
     side = 16 * config.group
     most = -(-config.width_max // side) * -(-config.height_max // side)
@@ -85,7 +85,7 @@ def expected(config: Config, frame: Frame) -> tuple[int, int]:
 
 
 def good(config: Config) -> Frame:
-    """A frame in which nothing is wrong."""
+    """Return a valid frame."""
     stride = config.width_max * PIXEL // STRIDE_ALIGNMENT * STRIDE_ALIGNMENT + STRIDE_ALIGNMENT
     frame = dict.fromkeys(ALIGNED, WORK_ALIGNMENT)
     frame |= {"WIDTH": config.width_max, "HEIGHT": config.height_max, "STRIDE": stride}
@@ -93,7 +93,7 @@ def good(config: Config) -> Frame:
 
 
 def around(config: Config, rng: np.random.Generator) -> list[Frame]:
-    """Frames with one area that ends at the last address, and one step before and behind it."""
+    """Return frames with one area that ends at the last address, or one step before or behind."""
     frame, steps = good(config), (-1, 0, 1)
     unit = WORK_ALIGNMENT
     pages = [*rng.integers(0, 1 << 20, 40).tolist(), 0, 1, 3, 4, 5, (1 << 20) - 1]
@@ -126,7 +126,7 @@ def around(config: Config, rng: np.random.Generator) -> list[Frame]:
 
 
 def edges(config: Config, rng: np.random.Generator) -> list[Frame]:
-    """Frames with one register at, or a step off, the ends of what is allowed."""
+    """Return frames with one register at, or one step off, a limit of its valid values."""
     frame, frames = good(config), [good(config)]
     stride = frame["STRIDE"]
     for name, values in (
@@ -138,7 +138,7 @@ def edges(config: Config, rng: np.random.Generator) -> list[Frame]:
     side = 16 * config.group
     widths = {1, config.width_max, config.height_max, config.side_max}
     for width in sorted(widths | set(range(side, config.side_max, side))):
-        for step in (0, 1):  # the tallest image that fits, and one that has a row more
+        for step in (0, 1):  # the tallest image that fits, and one a row taller
             columns = -(-(width + step) // side)
             rows = -(-config.width_max // side) * -(-config.height_max // side) // columns
             height = min(rows * side, config.side_max)

@@ -1,4 +1,4 @@
-"""Chunk headers of models in steps: where a chunk's attributes begin, whatever was skipped."""
+"""Chunk headers: where a chunk's attributes begin, with any layouts and skipped chunks before."""
 
 from dataclasses import replace
 from functools import cache
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 @cache
 def mixed(seed: int, count: int = 8000) -> PackedModel:
-    """The garden with random harmonics of degree 3 in chunks of random layouts."""
+    """Return the garden with random harmonics of degree 3, in chunks of random layouts."""
     rng, scene = np.random.default_rng(seed), generate("garden", count)
     sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(count, 15, 3))], axis=1)
     layouts = rng.integers(0, len(LAYOUTS), -(-count // CHUNK))
@@ -42,7 +42,7 @@ def mixed(seed: int, count: int = 8000) -> PackedModel:
 
 
 def check(rows: PointRows, stall: float, seed: int):
-    """Two frames: the second one begins anew."""
+    """Check two frames: the first leaves no state for the second."""
     given = case("chunk", rows)
     twice = [{k: np.tile(v, (2, 1)) for k, v in r.items()} for r in (given.inputs, given.expected)]
     check_run(
@@ -63,7 +63,7 @@ def test_mixed_layouts(stall):
 
 
 def test_records():
-    """What the golden side expects of a chunk, by plain integers."""
+    """The golden side's chunk records against plain integers."""
     model = mixed(0)
     rows = point_rows(DEFAULT, model, AMID)
     codes = chunk_record(DEFAULT).unpack(rows.streams["chunks"])
@@ -85,7 +85,7 @@ def test_compact_models_of_arrays():
 
 
 def test_the_largest_model_fits():
-    """Numbers of chunks and sums of beats hold those of any count of Gaussians."""
+    """Chunk numbers and sums of beats fit their bits for any count of Gaussians."""
     most, last = (1 << GAUSSIAN_BITS) - 1, (1 << GAUSSIAN_BITS - 8) - 1
     assert most // CHUNK == last < 1 << NUMBER_BITS == 1 << FETCH["number"].width
     beats = max(1 + layout.beats for layout in LAYOUTS) * most

@@ -1,4 +1,4 @@
-"""Codebooks as floats: hardware against golden model, every bit; that against the packed model."""
+"""Codebooks: hardware against the golden model, bit for bit; golden against the packed model."""
 
 import gc
 from dataclasses import dataclass, replace
@@ -28,18 +28,18 @@ from tb.helpers.point_rows import exponents
 ARRAY = Config(name="ARRAY", colours="array", sh_degree=1)
 PLAIN = replace(ARRAY, name="PLAIN", sh_degree=0)
 MANY = replace(ARRAY, name="MANY", colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3)))
-"""More stages than `ARRAY` has, and another number of them in models of degree 0."""
+"""More stages than `ARRAY` has, and a different number of them in models of degree 0."""
 
 INTERVALS = {"ARRAY": 7, "PAPER": 5, "PLAIN": 3, "MANY": 10}
 COUNT = 2000
 FEW = 500
 PORT = 64
 BEATS = memory.CODEBOOK_WORD * 8 // PORT  # ports that carry one word
-EXPONENTS = (-9, -10)  # of colours and slopes, where it does not matter which
+EXPONENTS = (-9, -10)  # of colours and slopes, for tests of other things
 
 
 class Ports(wiring.Component):
-    """`LookUp` with a port of at most `PORT` bits for each number."""
+    """`LookUp` with flat ports of at most `PORT` bits."""
 
     def __init__(self, config: Config):
         self.part = part = LookUp(config)
@@ -69,14 +69,14 @@ class Ports(wiring.Component):
 
 @dataclass(frozen=True)
 class Frame:
-    """A model whose Gaussians all go through, and the cycles between the starts of each two."""
+    """A model whose Gaussians are all looked up, and the cycles between consecutive starts."""
 
     model: PackedModel
     distance: np.ndarray | int
 
 
 def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Inputs by port, random where they should not matter; the cycles of each frame's starts."""
+    """Return the inputs by port, random while they must not matter, and each frame's starts."""
     rng = np.random.default_rng(7)
     widths = vectors.input_widths(ports)
     rows, starts, begin = {name: [] for name in widths}, [], 0
@@ -110,7 +110,7 @@ def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], lis
 
 
 def check(ports: Ports, frames: list[Frame]) -> None:
-    """All values of all frames, exactly `latency` cycles after their starts."""
+    """Check all values of all frames, exactly `latency` cycles after their starts."""
     config = ports.part.config
     inputs, starts = drive(ports, frames)
     outputs = vectors.run(ports, inputs)
@@ -131,9 +131,9 @@ def garden(config: Config, degree: int, count: int) -> PackedModel:
 
 
 def altered(config, degree, numbers, scales=EXPONENTS, count=COUNT) -> PackedModel:
-    """A model with other entries, `numbers(entry format, shape)`, and exponents.
+    """Return a model with entries `numbers(entry format, shape)` and exponents `scales`.
 
-    Its indices choose every entry of each stage, together with any of the other stages.
+    Its indices choose every entry of each stage, in random combinations.
     """
     model = garden(config, degree, count)
     layout, format, rng = model.layout, model.format, np.random.default_rng(8)
@@ -167,7 +167,7 @@ def any_number(entry, shape) -> np.ndarray:
 
 
 def extreme(entry, shape) -> np.ndarray:
-    """The ends of an entry's range and what is around them and zero."""
+    """Return values at the ends of an entry's range, next to them, and around zero."""
     ends = [entry.min, entry.min + 1, -1, 0, 1, entry.max - 1, entry.max]
     return np.random.default_rng(10).choice(ends, shape)
 
@@ -183,7 +183,7 @@ def degrees(config: Config) -> range:
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [ARRAY, PAPER, PLAIN, MANY], ids=lambda config: config.name)
 def test_hardware_equals_golden(config):
-    """Packed scenes and all sorts of entries at all distances; the memory is written in between."""
+    """Packed scenes and entries of all kinds, at all distances; each frame rewrites the memory."""
     ports = Ports(config)
     interval = ports.part.interval
     assert interval == INTERVALS[config.name]
@@ -203,7 +203,7 @@ def test_hardware_equals_golden(config):
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [ARRAY, PAPER, PLAIN], ids=lambda config: config.name)
 def test_exponents_of_all_sizes(config):
-    """The ends of the exponents, and all between."""
+    """All exponents, from the smallest to the largest."""
     exponents = [EXPONENT_MIN, *range(EXPONENT_MIN, EXPONENT_MAX + 1), EXPONENT_MAX]
     rng = np.random.default_rng(12)
     frames = [
@@ -215,7 +215,7 @@ def test_exponents_of_all_sizes(config):
 
 
 def test_sums_fit():
-    """The sum's format holds the sums at both ends, and half of it would not."""
+    """The sum's format holds the sums at both ends; half its range would not."""
     for entry in (memory.COMPONENT, memory.SLOPE):
         for stages in range(1, 5):
             total = sum_of(entry, stages)
@@ -235,7 +235,7 @@ def test_a_small_memory_is_refused():
 @pytest.mark.parametrize("degree", [0, 1])
 @pytest.mark.parametrize("config", [ARRAY, PAPER, MANY], ids=lambda config: config.name)
 def test_golden_reads_the_packed_values(config, degree):
-    """The values of `PackedModel`, which does not know of words, rounded once."""
+    """Golden values equal those of `PackedModel`, which knows no memory words, rounded once."""
     for model in (garden(config, degree, FEW), altered(config, degree, any_number, count=FEW)):
         index = np.random.default_rng(13).permutation(len(model))[: len(model) // 2]
         fields = look_up(config, model, index)

@@ -1,4 +1,4 @@
-"""Colours beside the array: the projection's splats, every bit, of random models and rays."""
+"""The colour unit next to the array: projected splats, bit for bit, of random models and rays."""
 
 from dataclasses import replace
 from functools import cache
@@ -40,7 +40,7 @@ OTHERS = {
 }
 
 LONGER = ("dense", "few slots", "fine colours")
-"""Those that are compiled in `make verify` only."""
+"""Machines that only `make verify` compiles."""
 
 ALONE = [np.full(3, number) for number in range(len(LAYOUTS))]
 MIXED = np.array([FINE, 0, COARSE, SECOND, SECOND, FINE, COARSE, 0, FINE, FINE, 0])
@@ -57,14 +57,14 @@ EXPONENTS = {
 
 @cache
 def made(config: Config) -> tuple[Project, Simulation]:
-    """The projection and its simulation."""
+    """Return the projection and its simulation."""
     component = Project(config)
     return component, Simulation(component)
 
 
 def check(config: Config, model: PackedModel, seed: int, stall: float = 0.0) -> float:
-    """Splats of random points, every bit, and where attributes are asked for; returns the cycles
-    for each splat."""
+    """Check splats of random points, bit for bit, and the attributes' read addresses; returns the
+    cycles per splat."""
     rng = np.random.default_rng(seed)
     inputs, expected, registers = project_rows(config, model, rng)
     given = SimpleNamespace(config=config, registers=registers)
@@ -92,7 +92,7 @@ def compact(config: Config, degree: int, exponent: str, seed: int, draw=any_byte
 @pytest.mark.parametrize("exponent", EXPONENTS)
 @pytest.mark.parametrize("degree", DEGREES)
 def test_models_in_steps(degree, exponent):
-    """Each layout alone, and all in one model; any codes, and those at the ends of their range."""
+    """Each layout alone, and all in one model; random codes, and codes at the ends of the range."""
     for draw in (any_bytes, few_bits):
         for seed, layouts in enumerate([*ALONE, MIXED]):
             check(MACHINES[degree], steps(DEFAULT, layouts, exponent, seed, draw), seed)
@@ -110,7 +110,7 @@ def test_compact_models(degree, exponent):
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", DEGREES)
 def test_stalls(degree):
-    """Streams that idle, on all sides."""
+    """Streams that stall, on all sides."""
     for seed, stall in enumerate((0.2, 0.5, 0.8)):
         check(MACHINES[degree], steps(DEFAULT, MIXED, "usual", seed), seed, stall)
         check(MACHINES[degree], compact(DEFAULT, min(degree, 1), "usual", seed), seed, stall)
@@ -131,7 +131,7 @@ def test_other_machines(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", DEGREES)
 def test_cycles(degree):
-    """Colours cost the projection nothing; the latency adds 0.21 cycles per splat of this run."""
+    """Colours add no cycles to the interval of 6; latency adds less than 0.21 per splat here."""
     config = MACHINES[degree]
     assert schedule(config, projection(config)).interval == 6
     assert check(config, steps(DEFAULT, ALONE[FINE], "usual", 5), 5) < 6.21

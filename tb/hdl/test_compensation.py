@@ -1,6 +1,4 @@
-"""Opacity compensation: golden units against rationals, the factor against its formula, RTL against
-golden model.
-"""
+"""Opacity compensation: golden units against rationals and formulas, RTL against golden model."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -32,7 +30,7 @@ CONFIGS = {config.name: config for config in (DEFAULT, NARROW, WIDE)}
 
 
 def floats(config: Config, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Codes of all sorts: some zeros, some of any exponent, most of a few."""
+    """Return float codes: some zeros, some of any exponent, most with exponents near 0."""
     format = config.arithmetic
     fraction = rng.integers(0, 1 << format.fraction, count)
     biased = np.where(
@@ -47,7 +45,7 @@ def floats(config: Config, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def logarithms(config: Config, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Codes of what `minor` and `log` can make."""
+    """Return codes that `minor` and `log` can output."""
     format = log_format(config)
     most = 5 << config.arithmetic.exponent - 1
     values = rng.integers(-most << LOG_FRACTION, most << LOG_FRACTION, count)
@@ -57,7 +55,7 @@ def logarithms(config: Config, rng: np.random.Generator, count: int) -> np.ndarr
 
 
 def product_codes(config: Config, values: np.ndarray) -> np.ndarray:
-    """Codes of `product_layout` of products."""
+    """Return the codes of products, in `product_layout`."""
     mantissa, exponent = np.frexp(values)
     significand = np.ldexp(np.abs(mantissa), PRODUCT_BITS).astype(np.int64)
     least = 2 * (1 - config.arithmetic.bias)
@@ -67,7 +65,7 @@ def product_codes(config: Config, values: np.ndarray) -> np.ndarray:
 
 
 def products(config: Config, rng: np.random.Generator, count: int) -> list[np.ndarray]:
-    """Codes of pairs of products: unrelated, equal, near each other, or one of them zero."""
+    """Return codes of pairs of products: unrelated, equal, near each other, or one of them zero."""
     format = config.arithmetic
     a, b, c, d = (format.decode(floats(config, rng, count)) for _ in range(4))
     kind = rng.integers(0, 4, count)
@@ -79,7 +77,7 @@ def products(config: Config, rng: np.random.Generator, count: int) -> list[np.nd
 
 
 def values_of_products(config: Config, codes: np.ndarray) -> np.ndarray:
-    """The inverse of `product_codes`."""
+    """Return the values of product codes (the inverse of `product_codes`)."""
     width = product_layout(config)["exponent"].width
     exponent = (codes >> 1 & (1 << width) - 1) + 2 * (1 - config.arithmetic.bias)
     size = np.ldexp((codes >> 1 + width).astype(float), exponent - (PRODUCT_BITS - 1))
@@ -87,7 +85,7 @@ def values_of_products(config: Config, codes: np.ndarray) -> np.ndarray:
 
 
 def datapaths(config: Config) -> tuple[list[Datapath], dict[str, np.ndarray]]:
-    """The units with their golden models, and inputs."""
+    """Return the units with their golden models and inputs."""
     rng, count = np.random.default_rng(config.arithmetic.width), 6000
     number, log = config.arithmetic, log_format(config)
     p, q = products(config, rng, count)
@@ -134,14 +132,14 @@ def test_units_equal_the_golden_model(config, unit):
     datapath, inputs = datapaths(config)[unit]
     inputs = {name: inputs[name] for name in datapath.given}
     paused, enable = with_pauses(inputs, np.random.default_rng(unit), 8)
-    if unit == 5:  # in the pauses, too, the first is not below the second
+    if unit == 5:  # a ≥ b must hold in the pauses, too
         log = log_format(config)
         larger = np.maximum(log.decode(paused["a"]), log.decode(paused["b"]))
         paused["a"] = log.encode(larger)
     check([datapath], paused, enable)
 
 
-def test_products_are_cut_off_to_so_many_bits():
+def test_products_are_truncated():
     rng, format = np.random.default_rng(1), DEFAULT.arithmetic
     a, b = (format.decode(floats(DEFAULT, rng, 3000)) for _ in range(2))
     for x, y, found in zip(a, b, golden.product(DEFAULT, a, b), strict=True):
@@ -155,8 +153,8 @@ def test_products_are_cut_off_to_so_many_bits():
 
 
 LOG_ERROR, SUM_ERROR = 0.0045, 0.009
-"""Bounds: of a logarithm half of an interval's slope and two roundings; of a sum half of an
-interval's slope of ½."""
+"""Error bounds: for a logarithm, half of an interval's slope and two roundings; for a sum, half of
+an interval's slope of ½."""
 
 
 def test_logarithms_and_sums_keep_their_bounds():
@@ -170,8 +168,8 @@ def test_logarithms_and_sums_keep_their_bounds():
 
 
 def shapes(rng: np.random.Generator, kind: str, count: int) -> np.ndarray:
-    """M [N, 2, 3] in pixels: of Gaussians of any shape, of needles whose axis is in one column (as
-    L has them), or of splats below a pixel."""
+    """Return M [N, 2, 3] in pixels, of Gaussians of any shape, of needles whose axis is in one
+    column (as in L), or of splats below a pixel."""
     if kind == "any":
         size = np.exp2(rng.uniform(np.log2(0.001), np.log2(1000), (count, 3)))
         return rng.normal(size=(count, 2, 3)) * size[:, None]
@@ -186,7 +184,7 @@ def shapes(rng: np.random.Generator, kind: str, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["any", "tiny", "needle"])
 def test_the_factor_is_within_a_two_hundredth(kind):
-    """The lines of the program alone, on M as floats of the machine, against the formula."""
+    """The program's lines for opacity, on M in the machine's floats, against the exact formula."""
     rng, format, count = np.random.default_rng(3), DEFAULT.arithmetic, 100_000
     z = format.round(np.exp2(rng.uniform(-2, 8, count)))
     m = format.round(shapes(rng, kind, count) * z[:, None, None])
@@ -199,13 +197,13 @@ def test_the_factor_is_within_a_two_hundredth(kind):
     m /= z[:, None, None]
     area = (np.cross(m[:, 0], m[:, 1]) ** 2).sum(1)
     exact = np.sqrt(area / (area + 0.3 * (m**2).sum((1, 2)) + 0.09))
-    assert np.abs(found - exact).max() < 0.004  # 0.005 is wanted
+    assert np.abs(found - exact).max() < 0.004  # the requirement is 0.005
     unmarked = run(DEFAULT, lines, inputs | {"antialiased": 0.0, "stored_attenuation": 77.0})
     np.testing.assert_array_equal(unmarked["attenuation"], 77)
 
 
-def test_nothing_is_left_of_flat_splats():
-    """A determinant of 0: the opacity is beyond all that can be seen; no warning, no NaN."""
+def test_flat_splats_vanish():
+    """With a determinant of 0 the opacity is too small to be visible; no warning, no NaN."""
     rng, format = np.random.default_rng(4), DEFAULT.arithmetic
     row = format.round(rng.normal(size=(1000, 3)))
     zero = np.zeros_like(row)

@@ -1,4 +1,4 @@
-"""Performance counters: every event once, across the carry, up to the end and no further."""
+"""Performance counters: every event counts once, across the carry; at the end counters stay."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 
 def counts(event: np.ndarray, clear: np.ndarray) -> np.ndarray:
-    """Values of both counters in every cycle, [cycles, 2]."""
+    """Return the values of both counters in every cycle, [cycles, 2]."""
     run = Simulation(Counters(("one", "other"), BITS), samples=("value",)).run(
         {}, constants={"event": event, "clear": clear}, cycles_max=len(event) + 8
     )
@@ -24,12 +24,12 @@ def test_every_event_is_counted_once():
     rng = np.random.default_rng(1)
     cycles = (1 << BITS) - 200
     event = rng.integers(0, 4, cycles).astype(np.uint64)
-    event[-1] = 0  # the last one stays
+    event[-1] = 0  # inputs keep their last value
     found = counts(event, np.zeros(cycles, np.uint64))
     for bit in range(2):
         assert found[-1, bit] == int((event >> np.uint64(bit) & np.uint64(1)).sum())
         steps = np.diff(found[:, bit])
-        assert steps.min() == 0 and steps.max() == 1  # no glimpse of a count without its carry
+        assert steps.min() == 0 and steps.max() == 1  # no cycle shows a count without its carry
 
 
 def test_end():

@@ -1,4 +1,4 @@
-"""Stage 2's front against its golden model: rounds, buckets, jobs."""
+"""Stage 2's front end against its golden model: rounds, buckets, jobs."""
 
 from dataclasses import replace
 
@@ -40,8 +40,12 @@ KINDS = (*KEYS, "tied")
 
 
 def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dict, dict]:
-    """Rows of the streams in, and of those that must come out, for lists with these keys; `entries`
-    are those of all lists; found: what becomes of each list, if not what golden says."""
+    """Return the rows of the input streams, and the expected rows of the output streams.
+
+    lists: keys per list
+    entries: entries of all lists
+    found: rounds or job per list; by default the golden model's
+    """
     count = np.array([len(keys) for keys in lists])
     start = np.concatenate([[0], np.cumsum(count)])
     page = np.arange(len(count)) * 3 + 1
@@ -78,7 +82,7 @@ def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dic
 
 
 def entries_for(config, kind: str, counts, seed: int):
-    """Entries by `KEYS`; "tied": half of them have the same key, which is not an extreme one."""
+    """Return entries by `KEYS`; "tied": half of them share one key, which is not an extreme one."""
     entries = entries_of(config, "random" if kind == "tied" else kind, counts, seed)
     if kind == "tied":
         entries["key"][::2] = 1 << config.sort_key_bits - 2
@@ -111,7 +115,7 @@ def test_default_equals_golden(stall):
 
 
 def check_stage(name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, **more):
-    """Dealing, scratch memory and sorting together: every entry in its place."""
+    """Check dealing, scratch memory and sorting together: every entry in its place."""
     config = MACHINES[name]
     rows = stage_rows(config, np.array(counts), entries_for(config, kind, counts, seed))
     return check_run(
@@ -126,7 +130,7 @@ MIXED = (70, 3, 64, 65, 130, 300, 5, 129, 1, 66, 1000, 64, 70)
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_stage_equals_golden(kind):
-    """Areas are not written while they are read, whoever waits."""
+    """Areas of scratch memory are not written while they are read, whichever side stalls."""
     for seed, stall in enumerate((0, 0.3, 0.7)):
         check_stage("TINY", kind, MIXED, stall, seed)
         check_stage("TINY", kind, [100] * 12, stall, seed)
@@ -136,7 +140,7 @@ def test_stage_equals_golden(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_cycles_of_long_lists(kind):
-    """As the model says, once depths are known from a list before."""
+    """Cycles are within 3 % of the cycle model's."""
     for counts in ([2100], [5200] * 3, [3000, 500] * 4, [20_000]):
         entries = entries_for(DEFAULT, kind, counts, 0)
         found = check_stage("DEFAULT", kind, counts).cycles
@@ -149,7 +153,7 @@ FAULTS = {
     "a round ends with each job": ("_give", "self.total, 0, 0)", "self.total, 0, 1)"),
     "a job too long": ("_give", "<= self.half", "<= self.half + 3"),
     "an empty bucket ends a job": ("_give", "room | ~count.any()", "room"),
-    "what was given is dealt again": ("_entry", "(key < self.low) | of_low", "of_low"),
+    "an issued entry is dealt again": ("_entry", "(key < self.low) | of_low", "of_low"),
     "equal keys are not skipped": ("_entry", "(key < self.low) | of_low", "key < self.low"),
     "keys below the base wrap": ("_memories", "Mux(offset[-1], 0, within)", "within"),
     "the first bucket begins at the base": ("_keys", "self.bucket.any() & ", ""),
@@ -170,7 +174,7 @@ FAULTS = {
 
 
 class Held(wiring.Component):
-    """`SortStage`; while `hold` is high from the beginning nothing that it gives is taken."""
+    """`SortStage`, whose output is blocked until `hold` falls."""
 
     def __init__(self, config):
         self.inner = SortStage(config)
@@ -186,7 +190,7 @@ class Held(wiring.Component):
 
 
 def check_all(part: Simulation, fault: int):
-    """Runs that find every fault."""
+    """Check that passes without a fault and fails with each one."""
     for seed, stall in enumerate((0, 0.5)):
         for kind in ("equal", "clustered", "random", "tied"):
             check_stage("NARROW", kind, MIXED, stall, seed, part, fault=fault, hold=0)

@@ -1,4 +1,4 @@
-"""Reading ranges of memory: the bursts, the beats, and room for all of them."""
+"""Reading ranges of memory: the bursts, the beats, and room for all beats in flight."""
 
 from functools import partial
 
@@ -26,16 +26,16 @@ from tb.helpers.runs import compiled
 
 COUNT_BITS = 10
 RANGE = range_record(COUNT_BITS)
-UNDER_WAY = 8  # bursts that the memory takes before it answers the first one
+IN_FLIGHT = 8  # bursts that the memory accepts before it answers the first one
 
 pytestmark = pytest.mark.slow
 
 
 class Memory(wiring.Component):
-    """`Fetch` on a memory whose beats, of the port, hold their number and its complement.
+    """`Fetch` on a memory whose beats, of the port's width, hold their number and its complement.
 
-    pace: an item for each beat that comes back. bursts: what was asked for; narrow: its mark, which
-    is a range's if its count is odd.
+    pace: one item per beat returned
+    bursts: the requests; their `narrow` is the range's mark, set if its count is odd
     """
 
     def __init__(self, config: Config, depth: int, burst: int):
@@ -48,9 +48,9 @@ class Memory(wiring.Component):
         m = Module()
         request = layout(read_record())
         m.submodules.fetch = fetch = self.fetch
-        m.submodules.queue = queue = Queue(request, UNDER_WAY)
+        m.submodules.queue = queue = Queue(request, IN_FLIGHT)
         forward(m, self, fetch, ("i", "o"))
-        m.d.comb += [  # the memory has a burst no sooner than it was told of
+        m.d.comb += [  # the memory accepts a burst in the cycle in which `bursts` outputs it
             self.bursts.payload.eq(fetch.reads.payload),
             self.bursts.payload.narrow.eq(fetch.reads.payload.narrow | fetch.marked),
             fetch.marks.eq(self.i.payload.count[0]),
@@ -80,7 +80,7 @@ class Memory(wiring.Component):
 
 
 def expected(first: np.ndarray, count: np.ndarray, burst: int, marks) -> tuple[list, np.ndarray]:
-    """Bursts (first beat, beats, mark) and the beats of ranges, all of the port."""
+    """Return bursts (first beat, beats, mark) and beats of ranges, in beats of the port."""
     bursts = []
     for begin, end, mark in zip(first, first + count, marks, strict=True):
         starts = np.arange(begin // burst, -(-end // burst)) * burst
@@ -94,7 +94,7 @@ def expected(first: np.ndarray, count: np.ndarray, burst: int, marks) -> tuple[l
 def check(
     depth: int, first, count, stall: float = 0, seed: int = 0, burst=BURST_BEATS, config=DEFAULT
 ) -> int:
-    """The cycles that ranges take, after a look at what was asked for and what came."""
+    """Check the requests and the beats of ranges; returns the cycles taken."""
     wide = port_beats(config)
     bursts, beats = expected(first // wide, -(-count // wide), burst // wide, count % 2)
     result = compiled(Memory, config, depth, burst).run(

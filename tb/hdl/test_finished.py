@@ -1,4 +1,4 @@
-"""Finished blocks leave in their order, in whatever order they come."""
+"""Finished blocks leave in a fixed order, whatever the order in which they come."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ CONFIGS = {
 @pytest.mark.parametrize("stall", [0, 0.5])
 @pytest.mark.parametrize("name", CONFIGS)
 def test_order(name, stall):
-    """Every block of some groups, each group when the one before has left."""
+    """All blocks of several groups, each group after the previous one has left."""
     config, rng = CONFIGS[name], np.random.default_rng(1)
     blocks, record = block_count(config), pixels_record(config)
     pixels = rng.integers(0, 256, (GROUPS, blocks, 16, 3), np.uint8)

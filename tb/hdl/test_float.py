@@ -1,4 +1,4 @@
-"""Float hardware against its golden model: all pairs of small formats, a million hard ones."""
+"""Float hardware against its golden model: all pairs of small formats, a million hard pairs."""
 
 from functools import cache, partial
 from itertools import product
@@ -39,7 +39,7 @@ OPERATIONS = (
 
 
 def operations(format: Float, latency: int, kinds=OPERATIONS) -> list[Datapath]:
-    """All operations of a format at a latency."""
+    """Return all operations of a format at a latency."""
     return [
         Datapath(make(format, latency), latency, tuple(given), partial(golden, format), read)
         for make, golden, given, read in kinds
@@ -47,7 +47,7 @@ def operations(format: Float, latency: int, kinds=OPERATIONS) -> list[Datapath]:
 
 
 def hard(formats: list[Float], count: int) -> dict[str, np.ndarray]:
-    """Hard a and b of all the formats; c near −a · b, or any."""
+    """Return hard a and b of all the formats; c is near −a · b, or random."""
     rng = np.random.default_rng(1)
     parts = []
     for format in formats:
@@ -61,7 +61,7 @@ def hard(formats: list[Float], count: int) -> dict[str, np.ndarray]:
 
 @cache
 def small() -> list[Datapath]:
-    """All operations at all latencies, from no registers to more than there are places for."""
+    """Return all operations at all latencies, from 0 to more registers than places for them."""
     found = []
     for format, latency in zip(EIGHT_BITS, (0, 3, 1, 2, 4, 5, 9), strict=True):
         found += operations(format, latency)
@@ -72,13 +72,13 @@ def small() -> list[Datapath]:
 
 @cache
 def large() -> list[Datapath]:
-    """Formats of 16 and of 24 bits."""
+    """Return operations on formats of 16 and 24 bits."""
     formats = ((FP16, 3), (Float(5, 10), 0), (FP24, 2), (FP24, 5), (GRADUAL, 4))
     return [part for format, latency in formats for part in operations(format, latency)]
 
 
 def test_every_pair():
-    """Formats of up to 8 bits: all pairs; c takes every code in some order."""
+    """Formats of up to 8 bits: all pairs; c is random."""
     a, b = every_pair(8)
     c = np.random.default_rng(2).integers(0, 256, len(a)).astype(np.uint8)
     check(small(), {"a": a, "b": b, "c": c})
@@ -96,7 +96,7 @@ def test_hard_pairs():
 
 
 def test_enable_freezes():
-    """Low in half of the cycles, for long in some: nothing is lost, nothing comes in."""
+    """With `enable` low in half of the cycles, at times for long, nothing is lost or enters."""
     rng = np.random.default_rng(3)
     inputs = hard(EIGHT_BITS, 20_000)
     count = len(inputs["a"])
@@ -124,7 +124,7 @@ FLOATS = [
 
 
 def conversions() -> list[Datapath]:
-    """Between all formats, at latencies in turn."""
+    """Return converters between all formats, at latencies 0 … 4 in turn."""
     kinds = [(Convert, arithmetic.convert, *formats) for formats in product(FLOATS, FLOATS)]
     mixed = list(product(FIXED, FLOATS[::2]))
     kinds += [(FromFixed, arithmetic.from_fixed, fixed, float) for fixed, float in mixed]
@@ -140,7 +140,7 @@ def conversions() -> list[Datapath]:
 
 
 def test_conversions():
-    """Every code of 16 bits; of wider formats the codes with these bits on either end as well."""
+    """All codes of 16 bits; for wider formats also these bits at either end, and hard codes."""
     codes = np.arange(1 << 16, dtype=np.uint32)
     hard_codes, _ = pairs(FP24, np.random.default_rng(4), 100_000)
     check(conversions(), {"i": np.concatenate([codes, codes << 8, codes << 15, hard_codes])})
@@ -148,7 +148,7 @@ def test_conversions():
 
 @pytest.mark.parametrize("make", [Multiply, Add, MultiplyAdd])
 def test_no_empty_ranges(make):
-    """Verilog has no vectors without bits: what a format does not need is left out."""
+    """Verilog has no zero-width vectors: signals that a format does not need are left out."""
     for format in (FP16, FP24, Float(2, 2, subnormal=False, overflow="infinity"), Float(3, 2)):
         assert "[-1:0]" not in verilog.convert(make(format, 5), name="top")
 
@@ -157,7 +157,7 @@ SMALLEST = Float(3, 3, subnormal=False)
 
 
 def canonical(format: Float, codes: np.ndarray) -> np.ndarray:
-    """Codes that encoding can give: there is one zero."""
+    """Return codes that encoding can give, with a single zero."""
     return format.encode(format.decode(codes.astype(np.uint64)))
 
 
@@ -166,20 +166,20 @@ def maximum(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def clamp(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """A negative number clamped to 0 is the sign alone, which reads as 0."""
+    """Clamp a to ±b; a negative number clamped to 0 is the sign alone, which reads as 0."""
     bound, sign = format.decode(b), format.width - 1
     found = format.encode(np.clip(format.decode(a), -bound, bound))
     return found | (a >> sign & 1) << sign
 
 
 def positive(format: Float, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The only bounds that there are."""
+    """Return whether b is a valid bound, i.e. not negative."""
     return b >> format.width - 1 == 0
 
 
 @pytest.mark.parametrize("format", [SMALLEST, FP24], ids=str)
 def test_clamp_and_maximum(format):
-    """All pairs of codes of a small format, hard ones of the real one; in pauses it holds."""
+    """All pairs of a small format, hard pairs of FP24; in pauses the output holds."""
     size, rng = 1 << format.width, np.random.default_rng(0)
     if format is SMALLEST:
         a, b = (codes.ravel() for codes in np.mgrid[:size, :size])

@@ -1,4 +1,4 @@
-"""Proofs of the stream primitives, and that proofs can fail."""
+"""Proofs of the stream primitives, and tests that a proof can fail."""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,12 +21,12 @@ from tb.formal.stream import (
     in_slot,
     in_stage,
 )
-from tb.helpers.parts import Beside, Piped
+from tb.helpers.parts import Piped, SideBySide
 from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-COVER_DEPTH = 8  # cycles in which an item can go into and come out of each part below
+COVER_DEPTH = 8  # cycles in which an item can enter and leave each part below
 
 
 def queue(depth: int, memory: bool = False) -> Followed:
@@ -41,24 +41,24 @@ PROOFS = {
     "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
     "slot": lambda: Followed(Slot(WIDTH), in_slot, latency=1, capacity=1),
     "stage": lambda: Followed(Stage(WIDTH), in_stage, latency=1, capacity=1),
-    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: no power of two
+    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: not a power of two
     **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
     **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
     "fork": lambda: Forked(Fork(WIDTH, 3)),
 }
 
 
-def beside(*names: str) -> Beside:
-    """Parts side by side: one run of the solver is for all of them."""
-    return Beside({name: PROOFS[name]() for name in names})
+def beside(*names: str) -> SideBySide:
+    """Return parts side by side, so that one solver run covers them all."""
+    return SideBySide({name: PROOFS[name]() for name in names})
 
 
 def test_stream():
     prove(beside(*PROOFS))
 
 
-def test_stream_comes_to_pass():
-    """The cases of the assertions can be reached: they do not hold for want of one."""
+def test_stream_is_reached():
+    """The cases of the assertions are reachable, so no assertion holds for lack of cases."""
     cover(beside("register", "slot", "stage", "memory_3", "pipe_4", "fork"), COVER_DEPTH)
 
 
@@ -111,7 +111,7 @@ def test_step():
 
 
 def test_true_but_not_by_induction():
-    """6 goes before 7, and only 5, which stays, before 6: one cycle more tells."""
+    """Before 7 comes 6, and before 6 only 5, which stays: induction needs one cycle more."""
     with pytest.raises(ProofError, match="does not follow by induction over 1 cycles") as found:
         prove(Counter(lambda value: Assert(value != 7)), depth=1)
     assert found.value.step is None and len(found.value.lines) == 1

@@ -1,4 +1,4 @@
-"""Proof of the AXI4-Lite slave."""
+"""Proof of the AXI4-Lite slave; each planted fault breaks it."""
 
 import pytest
 

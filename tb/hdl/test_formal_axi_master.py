@@ -1,4 +1,4 @@
-"""Proof of the AXI4 master."""
+"""Proof of the AXI4 master; each planted fault breaks it."""
 
 import pytest
 
@@ -13,8 +13,8 @@ from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-COVER_DEPTH = 12  # cycles in which all is reached
-FAULT_DEPTH = 7  # cycles in which every planted fault shows itself
+COVER_DEPTH = 12  # cycles within which every cover is reached
+FAULT_DEPTH = 7  # cycles within which every planted fault shows
 
 
 def test_master_is_proved():
@@ -44,10 +44,10 @@ FAULTS = {
     "done before its last beat": ("_answers", LEFT, "(count > addresses)"),
     "done before its address": ("_answers", LEFT, "(count > lasts)"),
     "surplus answers are counted": ("_answers", f"Mux({LEFT}, mine, 0)", "mine"),
-    "an error is told of a stray": ("_answers", "answered.any() & error", "full & error"),
+    "a stray's error is reported": ("_answers", "answered.any() & error", "full & error"),
     "an answer before its request": ("_return", "self.asked[half] > waits", "self.asked[half] > 0"),
-    "a stray keeps all waiting": ("_return", "fire.any() | stray)", "fire.any())"),
-    "a stray beat is not told": ("_return", "self.stray.valid.eq(1)", "self.stray.valid.eq(0)"),
+    "a stray blocks the channel": ("_return", "fire.any() | stray)", "fire.any())"),
+    "a stray beat is not reported": ("_return", "self.stray.valid.eq(1)", "self.stray.valid.eq(0)"),
     "a beat to a half that fails": ("_return", "target[k] & ~self.failing[half]", "target[k]"),
     "a beat is lost": ("_return", "m_axi.rready.eq(~full", "m_axi.rready.eq(1"),
     "any beat is the last one": ("_return", ".any() & beat.last", ".any()"),
@@ -69,7 +69,7 @@ FAULTS = {
 
 @pytest.fixture
 def small(monkeypatch):
-    """Few clients, of both halves, and small counts, so that a search is quick."""
+    """Use few clients, of both halves, and small counters, so that a search is quick."""
     monkeypatch.setattr(spec, "READERS", {"a": 0, "b": 1, "c": 1})
     monkeypatch.setattr(spec, "WRITERS", {"a": 0, "b": 1, "c": 1})
     monkeypatch.setattr(axi, "OUTSTANDING_BITS", 2)

@@ -1,4 +1,4 @@
-"""Proof of the merges of a cascade, each of two runs: stable, whole, one pair after the other."""
+"""Proof of a cascade's merges: stable, whole, pair after pair; each planted fault breaks it."""
 
 import pytest
 
@@ -9,8 +9,8 @@ from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-COVER_DEPTH = 10  # cycles in which two full runs can be merged
-FAULT_DEPTH = 10  # cycles in which every fault below shows
+COVER_DEPTH = 10  # cycles within which two full runs can be merged
+FAULT_DEPTH = 10  # cycles within which every fault below shows
 
 
 @pytest.mark.parametrize("merge", MERGES)

@@ -1,4 +1,4 @@
-"""Proofs of frame control: one outcome for each START, halves by themselves, work areas, times."""
+"""Proofs of frame control: one outcome per START, independent halves, work areas, time bounds."""
 
 import pytest
 
@@ -10,8 +10,8 @@ from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-COVER_DEPTH = 24  # cycles: a frame that waits for the reset of the one before, and its rendering
-FAULT_DEPTH = 18  # cycles in which a planted fault must break a proof
+COVER_DEPTH = 24  # cycles: a frame waits for the reset of the previous one, and is rendered
+FAULT_DEPTH = 18  # cycles within which every planted fault shows
 
 
 @pytest.mark.parametrize("proof", [Controlled, Parameters, Answering])
@@ -23,10 +23,10 @@ def test_frames_come_to_their_ends():
     cover(Answering(), COVER_DEPTH)
 
 
-WINDOWS = "    for name in area_windows(self.config, READING, WRITING)"  # as `Frame` has it
+WINDOWS = "    for name in area_windows(self.config, READING, WRITING)"  # source text of `Frame`
 
 FAULTS = {
-    "handed over to a half at work": (
+    "handed over to a busy half": (
         Controlled, "elaborate", "& ~self.working[RENDERING]", "& 1"
     ),
     "handed over to a half that fails": (
@@ -41,11 +41,11 @@ FAULTS = {
     "FRAME in the cycle of an error": (
         Controlled, "elaborate", "& ~faults[RENDERING]", "& 1"
     ),
-    "FRAME of a frame given up": (
+    "FRAME of a failed frame": (
         Controlled, "elaborate", "self.done[RENDERING] & ~self.failing[RENDERING]",
         "self.done[RENDERING]",
     ),
-    "a frame is given up twice": (
+    "a frame fails twice": (
         Controlled, "elaborate", "self.working[half] & ~self.failing[half]", "self.working[half]"
     ),
     "START when not READY": (
@@ -62,16 +62,16 @@ FAULTS = {
         Controlled, "elaborate", "(~self.working[PREPROCESSING])",
         "((~self.working | self.failing)[PREPROCESSING])",
     ),
-    "reset with a burst under way": (
+    "reset with a burst in flight": (
         Controlled, "_half", "quiet.all() & self.idle[half]", "quiet.all()"
     ),
-    "at work after a reset": (
+    "busy after a reset": (
         Controlled, "_half", "failing.eq(0), working.eq(0)", "failing.eq(0)"
     ),
     "errors of the other half's clients": (
         Controlled, "_errors", "if of == half", "if of != half"
     ),
-    "told again while failing": (
+    "reported again while failing": (
         Controlled, "_errors", "mine[half] & ~self.failing[half]", "mine[half]"
     ),
     "one work area for both": (

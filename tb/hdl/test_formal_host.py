@@ -1,4 +1,4 @@
-"""Proof of the registers and frame control together: commands, ERROR, INTERRUPT, locked words."""
+"""Proof of registers and frame control together: commands, ERROR, INTERRUPT, locked registers."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-DEPTH = 16  # cycles: a frame is begun and done, and a second one, by the host's writes
+DEPTH = 16  # cycles within which the host's writes can start two frames that end
 
 
 def test_commands_are_proved():
@@ -22,7 +22,7 @@ def test_commands_are_proved():
 FAULTS = {
     "START when not READY": (Registers, "_commands", "eq(start & ready)", "eq(start)"),
     "START with ABORT": (Registers, "_commands", "registers.START).any() & ~abort", "1).any()"),
-    "a START refused is not told": (Registers, "_commands", "start & ~ready", "start & ready"),
+    "a refused START is not reported": (Registers, "_commands", "start & ~ready", "start & ready"),
     "READY is not seen": (Registers, "_commands", "registers.READY", "registers.RENDERING"),
     "not the first error": (Registers, "_errors", "m.If(clears | (", "m.If(1 | ("),
     "an event is lost while cleared": (

@@ -1,4 +1,4 @@
-"""The reader of lists, searched for a fault in all that can happen in its first cycles."""
+"""Exhaustive search of the list reader's first cycles; each planted fault is found."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-DEPTH = 12  # cycles in which a list of two pages can be read; each further one doubles the time
+DEPTH = 12  # cycles within which a list of two pages can be read; one more doubles the run time
 
 
 def test_lists_are_read():
@@ -25,7 +25,7 @@ FAULTS = {
     "a full page has no link": ("left >= self.config.page", "left > self.config.page"),
     "a link that has not come": ("ahead.goes & (ahead.count == 1)", "ahead.goes"),
     "a link in the wrong slot": ("beat[-ENTRY_BITS:]", "beat[:ENTRY_BITS]"),
-    "a page beside": ("self.lists_at + page * beats", "self.lists_at + page"),
+    "a page at a wrong address": ("self.lists_at + page * beats", "self.lists_at + page"),
     "a beat too few": ("(left + slots_a_beat - 1)", "left"),
 }
 

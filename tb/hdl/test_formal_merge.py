@@ -1,4 +1,4 @@
-"""The merge of two runs, searched for a fault in all that can happen in its first cycles."""
+"""Exhaustive search of the first cycles of the merge of two runs; each planted fault is found."""
 
 import pytest
 
@@ -7,8 +7,8 @@ from splatcore.sim.rtl.formal import ProofError, cover, search
 from tb.formal.merge import Merged
 from tb.planted.fault import each, plant
 
-DEPTH = 14  # cycles: half a minute, two more cycles take more than as long again
-COVER_DEPTH = 20  # cycles in which two full runs can be merged, or a merge can follow another
+DEPTH = 14  # cycles; takes half a minute, two more cycles take more than twice as long
+COVER_DEPTH = 20  # cycles within which two full runs can be merged, or a merge can follow another
 
 
 @pytest.mark.slow

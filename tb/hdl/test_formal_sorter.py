@@ -1,4 +1,4 @@
-"""Proof of what a release does to the batches in a cascade."""
+"""Proof of a release's effect on the batches in a cascade; each planted fault breaks it."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-DEPTH = 10  # cycles in which batches can be dropped, and every fault below shows
+DEPTH = 10  # cycles within which batches can be dropped, and every fault below shows
 
 
 def test_releases_are_proved():

@@ -1,5 +1,5 @@
-"""Frame control: which half memory serves first; ABORT around a hand-over; errors in one cycle, and
-in the cycle in which a frame ends."""
+"""Frame control: memory priority, ABORT around a hand-over, and errors that coincide with each
+other or with the end of a frame."""
 
 import numpy as np
 import pytest
@@ -19,9 +19,12 @@ pytestmark = pytest.mark.slow
 
 
 class Halves(wiring.Component):
-    """`Frame` between halves that are always idle on the bus; `looks` is a stream of nothing.
+    """`Frame` between halves that are always idle on the bus.
 
-    start, aborts; done: a bit for each half. All others: those of `Frame`.
+    looks, seen: an empty stream, which the test harness needs
+    start, aborts: START, ABORT
+    done: one bit per half
+    Other members: as in `Frame`.
     """
 
     BITS = ("favoured", "working", "begin", "reset", "gives_up")
@@ -58,7 +61,7 @@ SAMPLES = (*Halves.BITS, "ready", "frame_event", "started", "finished", "error")
 
 
 def run(cycles: int, **constants: np.ndarray) -> dict[str, np.ndarray]:
-    """What the ports are in each cycle of a run. constants: inputs that are not 0 all the time."""
+    """Return the ports' values per cycle of a run. constants: inputs that are not always 0."""
     nothing = {"looks": np.zeros((0, 1), np.uint8)}
     inputs = dict.fromkeys(("start", "aborts", "done", *Halves.FAULTS), 0) | constants
     part = compiled(Halves, samples=SAMPLES)
@@ -66,8 +69,11 @@ def run(cycles: int, **constants: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def favoured(ends: str) -> list[int]:
-    """What is favoured after each frame has been handed over. ends: halves in the order in which
-    they are through, P or R, once both are at work; a half that is through waits for the other."""
+    """Return the favoured half after each hand-over.
+
+    ends: order in which the halves are done, P or R, once both are busy; a half that is done waits
+        for the other
+    """
     cycles = ROOM * (2 * len(ends) + 6)
     start, done, at = np.zeros(cycles, np.uint64), np.zeros(cycles, np.uint64), ROOM
     looks = []
@@ -97,14 +103,14 @@ def favoured(ends: str) -> list[int]:
 
 
 def test_the_slower_half_comes_first():
-    """Nothing is known after the first frame; then it is as the last frame was."""
+    """No half is favoured after the first frame; then the one that was slower last time."""
     assert favoured("PRPRRPPRRPRP") == [NONE, SECOND, SECOND, FIRST, SECOND, FIRST, FIRST]
 
 
 @pytest.mark.parametrize("after", range(-3, 6))
 def test_abort_around_a_hand_over(after):
-    """ABORT gives up every frame that has begun, also in the cycle in which the first half is
-    through; START while READY begins one, however soon it comes."""
+    """ABORT ends every frame in flight, also in the cycle in which the first half is done; START
+    while READY begins a frame, however soon it comes."""
     through, again = ROOM, range(12)
     for wait in again:
         names = ("start", "abort", "done")
@@ -113,7 +119,7 @@ def test_abort_around_a_hand_over(after):
         start[[5, aborted + 1 + wait]] = 1
         abort[aborted] = 1
         done[through : through + 1 if after > 0 else aborted + RESET] = FIRST  # until it is taken
-        start &= run(3 * ROOM, start=start, aborts=abort, done=done)["ready"]  # as the host's are
+        start &= run(3 * ROOM, start=start, aborts=abort, done=done)["ready"]  # only while READY
         found = run(3 * ROOM, start=start, aborts=abort, done=done)
         begun = (found["begin"] & FIRST).astype(bool)
         assert begun.sum() == start.sum() == found["started"][-1], f"START after {wait} cycles"
@@ -143,13 +149,13 @@ FAILS = 1 | ErrorCode.PAGES << 1
     ],
 )
 def test_errors_of_both_halves_in_one_cycle(faults, code, halves):
-    """One error is told, and which halves have given up a frame by an error."""
+    """One error is reported; `gives_up` marks every half whose frame ended by an error."""
     cycles, at = 3 * ROOM, 2 * ROOM
     inputs = {name: np.zeros(cycles, np.uint64) for name in ("start", "done", *faults)}
     inputs["start"][[5, ROOM + 5]] = 1
     inputs["done"][ROOM] = FIRST
     for name, value in faults.items():
-        inputs[name][at : at + 2] = value  # the second time it is too late
+        inputs[name][at : at + 2] = value  # in the second cycle the half fails already
     found = run(cycles, **inputs)
     assert found["working"][at] == FIRST | SECOND
     assert found["error"][at] & 1 and found["error"][at] >> 1 & (1 << CODE_BITS) - 1 == code
@@ -168,8 +174,8 @@ def test_errors_of_both_halves_in_one_cycle(faults, code, halves):
     ],
 )
 def test_rendering_ends_in_the_cycle_of_an_error(faults, given_up):
-    """An error of this half gives its frame up, and FRAME is not told; with ABORT it is complete.
-    In both cases the next frame is rendered."""
+    """With an error of this half the frame ends without FRAME; with ABORT it is complete. In both
+    cases the next frame is rendered."""
     cycles, at = 5 * ROOM, 2 * ROOM
     inputs = {name: np.zeros(cycles, np.uint64) for name in ("start", "done", *faults)}
     inputs["start"][[5, 3 * ROOM]] = 1

@@ -1,4 +1,4 @@
-"""The table of groups: what each part gets of it, in order, and that empty groups come early."""
+"""The table of groups: every output in order, and empty groups ahead of the others."""
 
 from dataclasses import dataclass
 
@@ -29,19 +29,19 @@ from tb.helpers.runs import check_run, compiled
 pytestmark = pytest.mark.slow
 
 BEATS = 1 << 12  # of the memory
-UNDER_WAY = 4  # bursts that it takes before it answers the first one
+IN_FLIGHT = 4  # bursts that it accepts before it answers the first one
 MACHINES = {"DEFAULT": DEFAULT, "TINY": TINY, "port": other_port(DEFAULT)}
 OUTPUTS = (*TAKERS, "empty")
 
 
 def stored_record(config: Config) -> Record:
-    """A beat of the port in memory, and its number."""
+    """A beat of the port as stored in memory, and its number."""
     words = {f"data{k}": Bits(64) for k in range(config.port // 64)}
     return Record("stored", {"number": Bits(axi.BEAT_ADDRESS_BITS)} | words)
 
 
 def frame_record(config: Config) -> Record:
-    """A frame as the component takes it."""
+    """A frame's inputs of `Groups`."""
     sizes = {"width": config.width_max, "height": config.height_max}
     fields = {name: Bits(size.bit_length()) for name, size in sizes.items()}
     fields |= {"groups_at": Bits(axi.BEAT_ADDRESS_BITS)}
@@ -49,11 +49,15 @@ def frame_record(config: Config) -> Record:
 
 
 class Table(wiring.Component):
-    """`Groups` on a memory, frame after frame: the next one starts when it is not busy any more.
+    """`Groups` on a memory, frame after frame: the next one starts when it is no longer busy.
 
-    Members: streams of `Groups`; stored: what memory holds; frames: stream of `frame_record`; pace:
-    an item for each beat that is read; bursts: what was asked for. hold: nothing is taken but empty
-    groups. groups: of the frame.
+    Members, in addition to the output streams of `Groups`
+        stored: stream of the memory's contents
+        frames: stream of `frame_record`
+        pace: stream with one item per beat read
+        bursts: stream of the requests
+        hold: only empty groups are taken
+        groups: number of groups of the frame
     """
 
     def __init__(self, config: Config):
@@ -91,12 +95,12 @@ class Table(wiring.Component):
         return m
 
     def _memory(self, m: Module):
-        """Takes some bursts before the first one's end; a beat when the next of `pace` has come."""
+        """Accept up to `IN_FLIGHT` bursts at a time; return one beat per item of `pace`."""
         m.submodules.memory = memory = Memory(shape=self.config.port, depth=BEATS, init=[])
         below = exact_log2(axi.port_beats(self.config))
         write, read = memory.write_port(), memory.read_port(domain="comb")
         stored, reads, data = self.stored.payload, self.inner.reads, self.inner.data
-        m.submodules.queue = queue = Queue(reads.payload.shape(), UNDER_WAY)
+        m.submodules.queue = queue = Queue(reads.payload.shape(), IN_FLIGHT)
         burst, left = Signal(reads.payload.shape()), Signal(axi.LENGTH_BITS + 1)
         m.d.comb += [
             self.stored.ready.eq(1),
@@ -123,7 +127,7 @@ class Table(wiring.Component):
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Sizes of an image and the entries [groups] of its lists; where its table begins, in beats."""
+    """An image: its size, the entries [groups] of its lists, and its table's address in beats."""
 
     size: tuple[int, int]
     count: np.ndarray
@@ -139,7 +143,7 @@ def table(config: Config) -> Simulation:
 
 
 def frames(config: Config, sizes, seed: int = 0) -> list[Frame]:
-    """Of each size images with splats in no group, in all, in one at an end, in some."""
+    """Return images of each size with splats in no group, in all, in one at an end, in some."""
     rng, found, at = np.random.default_rng(seed), [], 6
     for size in sizes:
         groups = int(np.prod(group_grid(config, *size)))
@@ -150,13 +154,13 @@ def frames(config: Config, sizes, seed: int = 0) -> list[Frame]:
             count = np.where(some, rng.integers(1, 1 << COUNT_BITS, groups), 0)
             found.append(Frame(size, count, at))
             at += found[-1].table_beats + int(rng.integers(0, 9))
-            at += at % 2  # the widest port's
+            at += at % 2  # alignment of the widest port
     assert at < BEATS
     return found
 
 
 def inputs(config: Config, given: list[Frame], seed: int) -> dict[str, np.ndarray]:
-    """Rows of the in streams: tables with noise around them; a `pace` that never ends."""
+    """Return the rows of the input streams: tables with noise around them; enough of `pace`."""
     rng = np.random.default_rng(seed)
     slots = rng.integers(0, 1 << 63, (2 * BEATS,), np.uint64)
     for frame in given:
@@ -185,12 +189,12 @@ def inputs(config: Config, given: list[Frame], seed: int) -> dict[str, np.ndarra
 
 
 def pages(frame: Frame) -> np.ndarray:
-    """First pages, of empty groups as well."""
+    """Return the first pages of all groups, also of empty ones."""
     return (np.arange(len(frame.count)) * 7919 + frame.at) % (1 << 16)
 
 
 def outputs(config: Config, given: list[Frame]) -> dict[str, np.ndarray]:
-    """Rows of the out streams."""
+    """Return the expected rows of the output streams."""
     found = {name: [] for name in OUTPUTS}
     for frame in given:
         number = np.arange(len(frame.count))
@@ -207,7 +211,7 @@ def outputs(config: Config, given: list[Frame]) -> dict[str, np.ndarray]:
 
 
 def check_bursts(config: Config, given: list[Frame], rows: np.ndarray):
-    """Each frame's table is read whole by bursts, and group by group by bursts of a beat."""
+    """Check that each frame's table is read whole in bursts, and per group in single beats."""
     codes, wide = axi.read_record().unpack(rows), axi.port_beats(config)
     first, length = codes["beat"].astype(int) // wide, codes["length"].astype(int)
     read = np.concatenate([np.arange(b, b + n + 1) for b, n in zip(first, length, strict=True)])
@@ -241,14 +245,14 @@ SIZES["port"] = SIZES["DEFAULT"]
 @pytest.mark.parametrize("stall", [0, 0.3, 0.7])
 @pytest.mark.parametrize("name", MACHINES)
 def test_tables(name, stall):
-    """Frame after frame; images of one group and of all that a machine can have."""
+    """Frame after frame, with images from one group to the machine's maximum."""
     config = MACHINES[name]
     given = frames(config, SIZES[name], int(10 * stall))
     run(config, given, stall, int(10 * stall))
 
 
 def test_empty_groups_come_early():
-    """Before the others are taken, however many of these lie between."""
+    """All empty groups come while no other group is taken, however many are in between."""
     frame = next(f for f in frames(DEFAULT, SIZES["DEFAULT"][:1]) if 0 < (f.count == 0).sum() < 100)
     expected = outputs(DEFAULT, [frame])["empty"]
     found = table(DEFAULT).run(
@@ -260,7 +264,7 @@ def test_empty_groups_come_early():
 
 
 def test_pace():
-    """Groups with entries come one a cycle, between them a burst; one without in 4 cycles."""
+    """Groups with entries come once per cycle, empty ones every 4 cycles, plus a gap per burst."""
     size, groups = (1920, 1024), 30 * 16
     bursts = -(-groups // 2 // axi.BURST_BEATS)
     for name, entries, a_group, a_burst in (("positions", 1, 1, 12), ("empty", 0, 4, 24)):

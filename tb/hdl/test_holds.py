@@ -1,4 +1,4 @@
-"""What the hardware relies on: simulations stop where it is wrong, and nothing of it is built."""
+"""Design invariants: a violation stops a simulation, and none of them is in built hardware."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ from splatcore.sim.rtl.streams import Simulation, SimulationError
 from splatcore.spec.config import TINY
 from tb.helpers.runs import compiled
 
-MOST = 3
+COUNT_MAX = 3
 
 
 class Relying(wiring.Component):
-    """Asserts that `odd` is 0, that what is offered at `i` is taken, a count of ups and downs, and
-    that the offer of `given` is kept.
+    """Asserts that `odd` is 0, that offers at `i` are taken at once, that a count of `up` and
+    `down` stays within 0 … `COUNT_MAX`, and that the offer of `given` is kept.
 
-    clear: resets the counter.
+    clear: resets the counter
     """
 
     def __init__(self):
@@ -44,14 +44,14 @@ class Relying(wiring.Component):
         m.d.comb += self.offer.ready.eq(self.taken)
         m.d.comb += [self.i.ready.eq(self.ready), self.o.valid.eq(self.i.valid & self.ready)]
         holds(inner, "odd", ~self.odd, "something odd")
-        never_waits(inner, "input", self.i, "whatever it is")
+        never_waits(inner, "input", self.i, "an item at i")
         keeps(inner, "offer", self.offer)
-        within(inner, "count", self.up, self.down, MOST, "ups and downs", begin=1)
+        within(inner, "count", self.up, self.down, COUNT_MAX, "ups and downs", begin=1)
         return m
 
 
 def relying(count: int = 0, **inputs: list[int]):
-    """A run with so many items at the input."""
+    """Run with `count` items at the input."""
     names = ("odd", "up", "down", "clear", "offered", "given", "taken")
     given = dict.fromkeys(names, 0) | {"ready": 1} | inputs
     constants = {k: np.array(np.atleast_1d(v), np.uint64) for k, v in given.items()}
@@ -71,7 +71,7 @@ def relying(count: int = 0, **inputs: list[int]):
         {"down": [1, 1, 0], "up": [0, 1, 0]},
     ],
 )
-def test_what_holds_stops_nothing(inputs):
+def test_invariants_that_hold_stop_nothing(inputs):
     relying(**inputs)
 
 
@@ -79,19 +79,19 @@ def test_what_holds_stops_nothing(inputs):
     "inputs, message",
     [
         ({"odd": [0, 0, 1, 0]}, "something odd"),
-        ({"count": 2, "ready": [0] * 8 + [1]}, "no room, whatever it is"),
+        ({"count": 2, "ready": [0] * 8 + [1]}, "no room for an item at i"),
         ({"up": [1, 0, 1, 0, 1, 0]}, "ups and downs"),
         ({"down": [1, 0, 1, 0]}, "ups and downs"),
         ({"offered": [1, 0], "taken": [0, 0]}, "not kept, offer"),
         ({"offered": [1, 1, 1], "given": [2, 3, 3]}, "not kept, offer"),
     ],
 )
-def test_what_is_wrong_stops_a_simulation(inputs, message):
+def test_violations_stop_a_simulation(inputs, message):
     with pytest.raises(SimulationError, match=message):
         relying(**inputs)
 
 
-def test_nothing_of_it_is_built():
+def test_invariants_are_not_built():
     simulated = verilog.convert(Relying(), name="top")
     assert simulated.count("assert (") == 4 and "something odd" in simulated
     for platform in (BUILT, Macros()):
@@ -100,9 +100,9 @@ def test_nothing_of_it_is_built():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make, message", [(Fetch, "not asked for"), (Features, "a feature")])
-def test_beats_that_nobody_asked_for(make, message):
-    """What is always taken has room only for what was asked for."""
+@pytest.mark.parametrize("make, message", [(Fetch, "not requested"), (Features, "a feature")])
+def test_unrequested_beats_stop_a_simulation(make, message):
+    """Inputs that are always ready have room for requested beats only."""
     simulation = Simulation(make(TINY, 16, 8) if make is Fetch else make(TINY))
     sources = simulation.ports.sources.items()
     beats = np.zeros((100, TINY.port // 8 + 1), np.uint8)
@@ -122,7 +122,7 @@ def test_beats_that_nobody_asked_for(make, message):
     ],
 )
 def test_depths_follow_from_latencies(monkeypatch, module, name, least, make):
-    """One less than what suffices is refused when the hardware is built."""
+    """A depth of one less than needed is refused at elaboration."""
     assert getattr(module, name) >= least
     monkeypatch.setattr(module, name, least)
     make()

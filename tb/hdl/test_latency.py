@@ -1,4 +1,4 @@
-"""Registers of a pipeline, and the depth of the logic between them."""
+"""Places of pipeline registers, and the depth of the logic between them."""
 
 from itertools import product
 
@@ -18,7 +18,7 @@ CUTS = {"operand": 12, "product": 36, "order": 27, "sum": 30, "shift": 20, "roun
 
 
 def test_spread():
-    """As many registers as asked for, one at the end, where the longest stretch is shortest."""
+    """The given number of registers, one at the end, such that the longest stretch is shortest."""
     depths = np.array(list(CUTS.values()))
     assert spread(0, CUTS) == dict.fromkeys(CUTS, 0)
     assert spread(1, CUTS) == dict.fromkeys(CUTS, 0) | {"round": 1}
@@ -29,18 +29,18 @@ def test_spread():
         longest = {}
         for inner in product((0, 1), repeat=len(CUTS) - 1):
             if sum(inner) == latency - 1:
-                stretch = np.append(0, np.cumsum(inner))  # which one each cut's logic is part of
+                stretch = np.append(0, np.cumsum(inner))  # of each cut's logic
                 longest[*inner, 1] = np.bincount(stretch, depths).max()
         assert longest[tuple(registers.values())] == min(longest.values())
 
 
 def test_spread_evens_out():
-    """Of several ways with the same longest stretch, that of the shortest second one."""
+    """With equal longest stretches, the placement with the shorter second longest is chosen."""
     assert spread(3, {"a": 40, "b": 1, "c": 20, "d": 20}) == {"a": 1, "b": 0, "c": 1, "d": 1}
 
 
 def test_spread_beyond_the_cuts():
-    """Then the deepest logic has several, and no cut goes without."""
+    """Every cut has a register, and the deepest logic has several."""
     assert spread(7, CUTS) == dict.fromkeys(CUTS, 1) | {"product": 2}
     assert spread(9, CUTS) == dict.fromkeys(CUTS, 1) | {"product": 2, "order": 2, "sum": 2}
     assert sum(spread(30, CUTS).values()) == 30
@@ -52,7 +52,7 @@ def test_negative_latency():
 
 
 class Multiplexed(wiring.Component):
-    """A unit as an array has it: operands are chosen among `SOURCES`, and it never stands still."""
+    """A unit as in an array: operands come from `SOURCES`-way multiplexers; it never stalls."""
 
     SOURCES = 11
 
@@ -84,6 +84,6 @@ UNITS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("unit", UNITS)
 def test_depth(unit):
-    """Alone, with the logic that freezes it; and behind multiplexers."""
+    """Alone, with the logic of `enable`; and behind multiplexers."""
     for component in (UNITS[unit](DEFAULT), Multiplexed(UNITS[unit](DEFAULT))):
         assert depth(component) <= DEPTH_MAX

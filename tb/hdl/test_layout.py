@@ -1,4 +1,4 @@
-"""The hardware's layout of a record against `spec.record`, bit for bit."""
+"""The hardware layout of a record against `spec.record`, bit for bit."""
 
 import numpy as np
 from amaranth.hdl import Const, unsigned
@@ -16,7 +16,7 @@ repeatable = settings(deadline=None, derandomize=True, database=None)
 
 
 def assert_same_layout(shape, format):
-    """Widths and offsets of a shape and all within it are the format's."""
+    """Check that a shape has the format's widths and offsets, at every level."""
     if isinstance(format, Record):
         assert isinstance(shape, data.StructLayout)
         assert shape.size == format.width
@@ -32,7 +32,7 @@ def assert_same_layout(shape, format):
 
 
 def value(constant, format, codes, index: tuple[int, ...]) -> bool:
-    """True if a constant of the layout holds the codes of record `index`, number by number."""
+    """Return whether a constant of the layout holds the codes of record `index`."""
     if isinstance(format, Record):
         fields = format.fields
         return all(value(constant[name], inner, codes[name], index) for name, inner in fields)
@@ -51,7 +51,7 @@ def test_widths_and_offsets(record):
 @given(record=records(FORMATS), count=st.integers(1, 3), seed=st.integers(0, 1000))
 @repeatable
 def test_payloads(record, count, seed):
-    """A packed payload, read through the layout, gives each code; `codes` undoes `words`."""
+    """A packed payload, read through the layout, gives each code; `codes` inverts `words`."""
     given = random_codes(record, (count,), np.random.default_rng(seed))
     payloads = words(record, given)
     for k, payload in enumerate(payloads):
@@ -60,7 +60,7 @@ def test_payloads(record, count, seed):
     np.testing.assert_array_equal(back, record.pack(given))
 
 
-def test_by_hand():
+def test_example():
     point = Record("point", {"x": Fixed(4, 3, signed=True), "y": Bits(2)})
     pair = Record("pair", {"depth": FP24, "points": Array(point, 2)})
     shape = layout(pair)

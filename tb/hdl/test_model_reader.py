@@ -1,4 +1,4 @@
-"""The model's reader: what headers it takes, what it reads of models, and in which bursts."""
+"""The model reader: headers accepted or refused, and the parts it reads, in legal bursts."""
 
 from dataclasses import replace
 
@@ -36,8 +36,8 @@ pytestmark = pytest.mark.slow
 
 
 def model(format: memory.ModelFormat, last: int = 77, layouts: np.ndarray = MIXED) -> PackedModel:
-    """Random bits in a format; without codebooks of all layouts that go with its degree. The last
-    chunk has `last` Gaussians."""
+    """Return a model of random bits; without codebooks, its chunks have all layouts of its degree.
+    The last chunk has `last` Gaussians."""
     layouts = 0 * layouts if format.codebooks else layouts
     if format.sh_degree < SH_DEGREE_MAX:
         layouts = np.where(layouts == colour.COARSE, colour.FINE, layouts)
@@ -45,7 +45,7 @@ def model(format: memory.ModelFormat, last: int = 77, layouts: np.ndarray = MIXE
 
 
 def spoiled(model: PackedModel, **fields) -> np.ndarray:
-    """The model's bytes with other numbers in the header; one for an array is for all of it."""
+    """Return the model's bytes with other header fields; a single value fills an array."""
     image, codes = model.image.copy(), dict(model.header)
     for name, value in fields.items():
         value = np.asarray(value) & 0xFFFF if "exponent" in name else np.asarray(value)
@@ -55,7 +55,7 @@ def spoiled(model: PackedModel, **fields) -> np.ndarray:
 
 
 def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
-    """The error in the header of a model at beat `base`, by plain integers."""
+    """Return the error in the header of a model at beat `base`, by plain integers."""
 
     def signed(codes) -> list[int]:
         return [(int(code) ^ 1 << 15) - (1 << 15) for code in np.atleast_1d(codes)]
@@ -86,7 +86,7 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
 
 
 def misplaced(config: Config, header: Codes, base: int) -> ErrorCode:
-    """The error in the places of a model's parts, by plain integers."""
+    """Return the error in the addresses of a model's parts, by plain integers."""
     bytes_ = {name: 64 * int(header[name].reshape(-1)[0]) for name in memory.PLACED}
     count, codebooks = int(header["count"].reshape(-1)[0]), header["colour_index"].any()
     entries = [0, 0]
@@ -105,7 +105,7 @@ def misplaced(config: Config, header: Codes, base: int) -> ErrorCode:
 
 
 def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
-    """The machine takes a header, and says what it says, or tells its error."""
+    """Check that the machine accepts a header and outputs its fields, or reports its error."""
     at = Image(image, 4 * seed)
     error = error_in(config, at.header, at.base)
     result = check_reading(config, at, not error, stall=seed % 3 * 0.3, seed=seed)
@@ -130,7 +130,7 @@ def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
 
 
 ENDS = (-32768, -256, -255, -16, -15, -4, -3, -2, 0, 4, 5, 255, 256, 32767)
-"""Exponents at the ends of what is allowed, and around them."""
+"""Exponents at the limits of valid values, and next to them."""
 
 EDITS = [
     *({"magic": memory.MAGIC ^ 1 << bit} for bit in (0, 31)),
@@ -149,10 +149,10 @@ EDITS = [
     {"colour_index": 0, "sh_index": 0},
     *({"count": count, "exponent": -6} for count in (0, 1, 255, 256, 257, 5 * 256)),
 ]
-"""Fields of headers, some of which fit."""
+"""Changes of header fields, some of them valid."""
 
 OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic"}
-"""Fields that are tried on machines of lower degrees, which take the others alike."""
+"""Fields to try on machines of lower degrees, which treat all other fields like `NARROW`."""
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_headers(name):
     headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
     seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
     wrong = ErrorCode.MAGIC, ErrorCode.VERSION, ErrorCode.FORMAT, ErrorCode.DEGREE
-    # codebooks named in a model without them lie beyond its end
+    # codebooks declared in a model without them are beyond its end
     assert set(seen) - {ErrorCode.PARTS} == {ErrorCode.NONE, *wrong}
 
 
@@ -177,7 +177,7 @@ COUNT_MAX = 100_000  # Gaussians of models whose chunk headers are read
 
 
 def places(model: PackedModel) -> list[dict[str, int]]:
-    """Places of parts around what is allowed, and sizes of models around what fits there."""
+    """Return addresses of parts around the limits, and counts around the largest that fit."""
     at = {name: model.value(name) for name in memory.PLACED}
     found = [{name: at[name] + k} for name in memory.PLACED for k in (-1, 1)]
     found += [{name: at[name] + (1 << k)} for name in memory.PLACED for k in (26, 28, 31)]
@@ -192,8 +192,8 @@ def places(model: PackedModel) -> list[dict[str, int]]:
 
 @pytest.mark.parametrize("name", ["128 bits", "PAPER"])
 def test_places_of_parts(name):
-    """Parts out of order, beyond 4 GiB, or too short for so many Gaussians; those at the ends of
-    what is allowed are taken."""
+    """Parts out of order, beyond 4 GiB or too short for the count are refused; parts at the limits
+    are accepted."""
     config = MACHINES[name]
     formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]
     formats += [memory.step_format(config, 3)] * (config.colours == "beside")
@@ -214,8 +214,8 @@ def test_places_of_parts(name):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_the_golden_model_refuses_the_same(name):
-    """Models of every format, for every machine."""
+def test_golden_model_refuses_the_same(name):
+    """Models of every format on every machine: `check_renderable` agrees with the hardware."""
     config, seen = MACHINES[name], set()
     formats = [memory.model_format(c, degree) for c in (NARROW, PAPER) for degree in (0, 1)]
     formats += [memory.model_format(NARROW, degree, small=True) for degree in (0, 1)]
@@ -234,7 +234,7 @@ def test_the_golden_model_refuses_the_same(name):
 
 
 def random_part(rng: np.random.Generator, model: PackedModel) -> tuple[list, np.ndarray]:
-    """Some chunks (number, count) and some of their Gaussians."""
+    """Return some chunks (number, count) and some of their Gaussians."""
     chosen = np.flatnonzero(rng.random(len(model.chunk_beats)) < 0.7)
     of = np.arange(len(model)) // memory.CHUNK
     index = np.flatnonzero(np.isin(of, chosen) & (rng.random(len(model)) < 0.6))
@@ -255,7 +255,7 @@ FORMATS = {
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_models(name):
-    """Parts of models at all sorts of addresses, the last chunks partly filled."""
+    """Parts of models at random addresses, with full and partly filled last chunks."""
     config, format = FORMATS[name]
     layouts = np.zeros_like(MIXED) if format.sh_degree == 0 else MIXED
     for seed, last in enumerate((77, 1, memory.CHUNK, 255)):
@@ -270,7 +270,7 @@ def test_models(name):
 
 
 def every_offset() -> list[tuple[int, int]]:
-    """Bursts of 1 to 3 beats at all places of a page, in any order."""
+    """Return bursts of 1 to 3 beats at all places of a page, in random order."""
     rng = np.random.default_rng(3)
     place, count = np.divmod(rng.permutation(3 * PAGE), 3)
     page = rng.integers(0, 100, 3 * PAGE)
@@ -284,7 +284,7 @@ def test_no_burst_crosses_a_page(stall):
 
 
 def test_the_end_of_memory():
-    """Chunks and attributes of a model as large as memory: no sum of addresses is cut."""
+    """Chunks and attributes of a model as large as memory: no address overflows."""
     count, steps = 197_000_000, memory.step_format(NARROW, 0)
     layout = steps.layout(count)
     assert 0.99 * (TOP << 4) < layout.end <= TOP << 4
@@ -298,7 +298,7 @@ def test_the_end_of_memory():
 
 
 def test_pace():
-    """A Gaussian every 3 cycles at least, every 2 where a single beat is wanted."""
+    """A Gaussian takes at most 3 cycles, or 2 if it needs a single beat."""
     image = Image(model(FORMATS["steps"][1]).image, 0)
     begin = check_reading(NARROW, image).cycles
     crossing = [(PAGE * k - 1 - 4 * int(image.header["attributes"]), 2) for k in range(20, 520)]

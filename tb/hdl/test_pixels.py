@@ -1,4 +1,4 @@
-"""Writing pixels: every byte of an image once, in bursts that memory takes; the cycles of that."""
+"""Writing pixels: every byte of an image once, in legal bursts; and the cycles it takes."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -37,7 +37,7 @@ from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
 
-SPAN_CYCLES = 2 * BLOCK  # of `DEFAULT`, at most
+SPAN_CYCLES = 2 * BLOCK  # per span of `DEFAULT`, at most
 GROUP_CYCLES = 64 * 64 * PIXEL // axi.port_bytes(DEFAULT) + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
@@ -58,7 +58,7 @@ POSITIONS = ("positions", "empty")
 
 
 def frame_record(config: Config) -> Record:
-    """A frame as the component takes it, and how many of its groups come by `POSITIONS`."""
+    """A frame's inputs of `Pixels`, and the number of its groups per stream of `POSITIONS`."""
     sizes = {"width": config.width_max, "height": config.height_max}
     sizes |= dict.fromkeys(("groups", *POSITIONS), groups_max(config))
     fields = {name: Bits(size.bit_length()) for name, size in sizes.items()}
@@ -68,10 +68,12 @@ def frame_record(config: Config) -> Record:
 
 
 class Frames(wiring.Component):
-    """`Pixels` for one frame after the other.
+    """`Pixels`, frame after frame.
 
-    Members: its streams; frames: stream of `frame_record`; hold: no block is given to it. through:
-    a frame is written.
+    Members, in addition to its streams
+        frames: stream of `frame_record`
+        hold: no block reaches `Pixels`
+        through: a frame is written
     """
 
     def __init__(self, config: Config):
@@ -99,7 +101,7 @@ class Frames(wiring.Component):
             with m.If(inner.valid & inner.ready):
                 m.d.sync += frame[name].eq(frame[name] - 1)
         for i, inner in zip(self.i, pixels.i, strict=True):
-            offered = Signal()  # what has been offered is not held
+            offered = Signal()  # an offer, once made, is not held back
             m.d.sync += offered.eq(inner.valid & ~inner.ready)
             self._gate(m, i, inner, ~self.hold | offered)
         return m
@@ -114,17 +116,17 @@ class Frames(wiring.Component):
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A frame: pixels [H, W, 3] uint8; empty [groups]; address, stride in beats; colour codes."""
+    """A frame to write."""
 
-    pixels: np.ndarray
-    empty: np.ndarray
-    at: int
-    stride: int
-    background: tuple[int, ...]
+    pixels: np.ndarray  # [H, W, 3] uint8
+    empty: np.ndarray  # [groups] bool
+    at: int  # address, in beats
+    stride: int  # distance of rows, in beats
+    background: tuple[int, ...]  # colour codes
 
 
 def image(config: Config, size, empty: np.ndarray, seed: int = 0) -> Image:
-    """Random pixels, but in empty groups; an image anywhere, with rows at some distance."""
+    """Return random pixels, background in empty groups, at a random address and stride."""
     rng, (width, height) = np.random.default_rng(seed), size
     top = max(format.width for format in colours(config).values())
     colour = tuple(int(c) for c in rng.integers(0, 1 << top, 3))
@@ -140,14 +142,14 @@ def image(config: Config, size, empty: np.ndarray, seed: int = 0) -> Image:
 
 
 def places(config: Config, size, empty: np.ndarray) -> Codes:
-    """Positions of the groups that are chosen."""
+    """Return the positions of the groups marked in `empty`."""
     chosen = np.flatnonzero(empty)
     columns = group_grid(config, *size)[1]
     return {"column": chosen % columns, "row": chosen // columns}
 
 
 def finished(config: Config, image: Image, rasterizer: int) -> Codes:
-    """Blocks that a rasterizer gives of the image, those outside it as well, group after group."""
+    """Return a rasterizer's blocks of the image, group after group, with those outside it."""
     height, width = image.pixels.shape[:2]
     side = group_pixels(config)
     padded = np.random.default_rng(rasterizer).integers(
@@ -166,7 +168,7 @@ def finished(config: Config, image: Image, rasterizer: int) -> Codes:
 
 
 def run(config: Config, images: list[Image], **options) -> Result:
-    """The images, one after the other; each is looked at byte by byte."""
+    """Write the images one after the other, and check each byte by byte."""
     sizes = [image.pixels.shape[1::-1] for image in images]
     record, position = frame_record(config), position_record(config)
     frames = {
@@ -205,8 +207,8 @@ def run(config: Config, images: list[Image], **options) -> Result:
 
 
 def beats_of(config: Config, image: Image) -> int:
-    """Beats in which an image is written: each span of a row takes those that it touches; two that
-    fill theirs together share none."""
+    """Return the beats written per image: a span of a row takes every beat that it touches; a beat
+    shared by two spans counts twice, unless they fill their beats together."""
     height, width = image.pixels.shape[:2]
     step = span_blocks(config) * BLOCK * (1 + spans_meet(config))
     begins = np.arange(0, width, step)
@@ -215,7 +217,7 @@ def beats_of(config: Config, image: Image) -> int:
 
 
 def check(config: Config, rows: np.ndarray, image: Image):
-    """Bursts are whole and within a page; each byte of the image is written once, nothing else."""
+    """Check that bursts are whole and within a page, and write each byte of the image once."""
     codes, size = axi.write_record(config).unpack(rows), axi.port_bytes(config)
     data = np.stack([codes[f"data{k}"] for k in range(size // 8)], 1).astype("<u8")
     data = data.view(np.uint8).reshape(-1, size)
@@ -250,7 +252,7 @@ def check(config: Config, rows: np.ndarray, image: Image):
 
 
 def emptiness(groups: int, seed: int) -> list[np.ndarray]:
-    """All groups without splats, none, the first one, the last one, some."""
+    """Return masks of groups without splats: all, none, the first, the last, some."""
     number = np.arange(groups)
     some = np.random.default_rng(seed).random(groups) < 0.5
     return [number >= 0, number < 0, number == 0, number == groups - 1, some]
@@ -268,7 +270,7 @@ def emptiness(groups: int, seed: int) -> list[np.ndarray]:
     ],
 )
 def test_images(name, stall):
-    """Images that end within groups, tiles and blocks, in one run one after the other."""
+    """Images that end within groups, tiles and blocks, one after the other in one run."""
     config = CONFIGS[name]
     sizes = SIZES if config.width_max <= 64 else LARGE_SIZES
     make = partial(image, config)
@@ -280,7 +282,7 @@ def test_images(name, stall):
 
 
 def cycles(empty: list[int], **options) -> Result:
-    """A run of an image of 2 × 2 whole groups, of which some are empty."""
+    """Run an image of 2 × 2 whole groups, some of which are empty."""
     side = group_pixels(DEFAULT)
     given = image(DEFAULT, (2 * side, 2 * side), np.array(empty, bool))
     return run(DEFAULT, [replace(given, at=0)], **options)
@@ -288,15 +290,15 @@ def cycles(empty: list[int], **options) -> Result:
 
 @pytest.mark.parametrize("empty", [[0, 0, 0, 0], [1, 1, 1, 1], [0, 1, 1, 0]])
 def test_pace(empty):
-    """A beat a cycle."""
+    """One beat is written per cycle."""
     assert 4 * (GROUP_CYCLES - 1) < cycles(empty).cycles <= 4 * GROUP_CYCLES + SLACK
 
 
 def test_idle_time():
-    """Spans of groups without splats are written while blocks of the others do not come."""
+    """Spans of empty groups are written while no blocks of other groups come."""
     held = np.zeros(3 * GROUP_CYCLES, np.uint64)
     first = GROUP_CYCLES * 13 // 10
-    for begin, end in ((0, 130), (143, 156), (169, 247)):  # percents of a group's cycles
+    for begin, end in ((0, 130), (143, 156), (169, 247)):  # percent of a group's cycles
         held[GROUP_CYCLES * begin // 100 : GROUP_CYCLES * end // 100] = 1
     found = cycles([1, 1, 0, 1], constants={"hold": held})
     assert found.cycles <= 4 * GROUP_CYCLES + SLACK + 3 * 8
@@ -306,7 +308,7 @@ def test_idle_time():
 
 
 def test_blocks_come_first():
-    """No span of a group without splats is begun while blocks are present."""
+    """No span of an empty group is begun while blocks are waiting."""
     held = 100
     rows = cycles([1, 0, 1, 0], constants={"hold": np.arange(held + 1) < held}).outputs["writes"]
     codes, side = axi.write_record(DEFAULT).unpack(rows), group_pixels(DEFAULT)

@@ -1,4 +1,4 @@
-"""Stages 0 and 1: hardware against golden model, that against the reference, on real Gaussians."""
+"""Stages 0 and 1 on real Gaussians: hardware against golden model, golden against reference."""
 
 from dataclasses import replace
 
@@ -25,12 +25,12 @@ from tb.helpers.stage_cases import STAGES, check
 
 
 def points(name: str) -> tuple:
-    """Model, camera and golden results of a scene's first camera."""
+    """Return model, camera and golden results of a scene's first camera."""
     return scene_frame(name)[1:]
 
 
 def rows(name: str) -> PointRows:
-    """The rows of every stream."""
+    """Return the rows of every stream."""
     model, camera, _ = points(name)
     return point_rows(DEFAULT, model, camera)
 
@@ -44,7 +44,7 @@ def test_stages_equal_golden_on_the_garden(stage):
 
 GARDEN = generated_camera("garden")
 AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
-"""A camera with a part of the garden behind it, and a part beside what it sees."""
+"""A camera with a part of the garden behind it, and a part outside its view."""
 
 MACHINES = {
     "two arrays, nothing culled": (replace(DEFAULT, pes=6, pe_arrays=2, culling="none"), 6),
@@ -54,7 +54,7 @@ MACHINES = {
     "no harmonics, 3σ square": (replace(TINY, sh_degree=0, tile_test="3sigma"), 7),
     "paper": (PAPER, 12),
 }  # fmt: skip
-"""Machines that are not DEFAULT, and the cycles that each takes for a Gaussian."""
+"""Machines other than DEFAULT, and their cycles per Gaussian."""
 
 
 @pytest.mark.slow
@@ -66,14 +66,14 @@ def test_machines_equal_golden(name):
     cycles = check("points", frame, 0).cycles
     check("points", frame, 0.4)
     points, projected = len(frame.points.points), len(frame.points.inside)
-    least = max(interval * projected, 4 * points)  # with few cycles cull sets the pace
+    least = max(interval * projected, 4 * points)  # culling limits if projection is fast
     assert least < cycles < 1.1 * least
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quality", ["small", "balanced", "faithful", "mixed"])
 def test_models_of_all_qualities_equal_golden(quality):
-    """Half a beat a Gaussian; and harmonics of degree 3, in chunks of one layout or of all."""
+    """Half a beat per Gaussian; and harmonics of degree 3, in chunks of one layout or of all."""
     rng, scene = np.random.default_rng(3), generate("garden", 5000)
     sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(len(scene), 15, 3))], axis=1)
     if quality == "mixed":
@@ -93,7 +93,7 @@ ANTIALIASED = {name: config for name, (config, _) in MACHINES.items() if config.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ANTIALIASED)
 def test_antialiased_models_equal_golden(name):
-    """Splats of some pixels and below one, of which nearly nothing is left."""
+    """Splats of some pixels, and splats below a pixel with hardly any opacity left."""
     config = ANTIALIASED[name]
     scene = replace(generate("garden", 3000), antialiased=True)
     scene.scale[::2] *= np.exp2(-(np.arange(len(scene.scale[::2])) % 10))[:, None]
@@ -108,8 +108,8 @@ def test_antialiased_models_equal_golden(name):
 
 @pytest.mark.slow
 def test_chunks_share_no_beat_of_a_small_model():
-    """Of two chunks only two Gaussians each are in front, and come last in their chunk: a beat at
-    the same place of each is asked for."""
+    """In each of two chunks only the last two Gaussians are in front of the camera: both chunks
+    need one beat, at the same place, and each is read."""
     number = np.arange(2 * CHUNK)
     near = NEAR_PLANE + np.where(number % CHUNK > 1, -1, 1) * 2**-14
     position = np.stack([number * 2.0**-12, 0 * near, near], axis=1)  # in this order in both
@@ -123,7 +123,7 @@ def test_chunks_share_no_beat_of_a_small_model():
 
 
 def test_culling_leaves_the_same_splats():
-    """Culling left out for the ablation costs projections, and changes no splat in the picture."""
+    """Without culling, as in the ablation, more Gaussians are projected, for the same picture."""
     model, _ = pack(generate("garden", 3000), DEFAULT)
     found = {
         culling: render(replace(DEFAULT, culling=culling), model, AMID)
@@ -139,7 +139,7 @@ def test_culling_leaves_the_same_splats():
 
 @pytest.mark.slow
 def test_cycles():
-    """A point every 4 cycles, a Gaussian every 9: the figures of the issue are 4 and 12."""
+    """Culling takes at most 4 cycles per point, projection 9 per Gaussian (on average)."""
     frame = rows("garden")
     cull = check("cull", frame, 0).cycles / len(frame.points.points)
     project = check("project", frame, 0).cycles / len(frame.points.index)
@@ -156,7 +156,7 @@ def test_points_equal_golden(file):
 
 @pytest.mark.parametrize("name", ["garden", *parameters(POINT_SCENES)])
 def test_skipped_chunks_hold_nothing_visible(name):
-    """Skipping chunks by their headers changes nothing but what is read."""
+    """Skipping chunks by their headers changes no result, only the amount read."""
     model, camera, result = points(name)
 
     def read_all(config, frame, model):
@@ -174,7 +174,7 @@ def test_skipped_chunks_hold_nothing_visible(name):
 @pytest.mark.parametrize("marked", [False, True])
 @pytest.mark.parametrize("tile_test", ["exact", "3sigma"])
 def test_zeros_change_no_bit(tile_test, marked):
-    """The dense program makes what the program without the zeros makes."""
+    """The dense program gives the same values as the program without zeros, bit for bit."""
     _, _, result = points("garden")
     inputs = result.frame.constants | result.projected
     inputs |= {"stored_attenuation": inputs["attenuation"], "antialiased": float(marked)}
@@ -187,17 +187,17 @@ def test_zeros_change_no_bit(tile_test, marked):
 
 
 def largest(found: np.ndarray, exact: np.ndarray, scale: np.ndarray) -> float:
-    """Largest |found − exact| / scale, in half steps of the format."""
+    """Return the largest |found − exact| / scale, in half steps of the format."""
     return float(np.max(np.abs(found - exact) / scale) / DEFAULT.arithmetic.epsilon)
 
 
 @pytest.mark.parametrize("name", ["garden", *parameters(POINT_SCENES)])
 def test_golden_against_the_reference(name):
-    """The bound of each output: a few roundings of 17 significant bits.
+    """Each output is within a few roundings of 17 significant bits.
 
-    A rounding is relative to the largest summand: to the way from the camera in world axes, not to
-    the point's own coordinates; and to the greatest extent that a Gaussian of its size may have,
-    `spread`, not to the extent that it shows.
+    A rounding is relative to the largest summand: to the distance from the camera along the world
+    axes, not to the point's own coordinates; and to the largest extent that a Gaussian of its size
+    can have, `spread`, not to its visible extent.
     """
     model, camera, result = points(name)
     gaussians, values = model.gaussians(), result.projected
@@ -227,14 +227,14 @@ def test_golden_against_the_reference(name):
         exact = np.sqrt(reach * cov[:, row])
         assert largest(values[half], exact, deviations * spread * slant) < 6
     assert (values["across"] > 0).all() and (values["along"] > 0).all()  # positive definite
-    # None may have left of those that the reference draws, but within an error of the near plane.
+    # All Gaussians that the reference draws are kept, except within an error of the near plane.
     splats, _ = project(gaussians, camera)
     visible = splats.index[splats.depth > NEAR_PLANE * 1.001]
     assert not len(np.setdiff1d(visible, result.index))
 
 
 def test_depths_are_finer():
-    """z with its low bits, for the view row as rounded: a few roundings of 21 significant bits."""
+    """z with its low bits, for the rounded view row: within a few roundings of 21 bits."""
     model, _, result = points("garden")
     way = (model.grid[result.index] - result.frame.camera).astype(np.float64)
     way = np.ldexp(way, model.value("position_exponent"))
@@ -246,7 +246,7 @@ def test_depths_are_finer():
 
 
 def test_no_point_is_beyond_its_chunks_bounds():
-    """Not even one at the very corner: z is found in finer numbers there."""
+    """A chunk's bound on z holds even for a point at its corner, in the finer format."""
     model, _, result = points("garden")
     headers, fine = model.chunks, finer(DEFAULT)
     low = headers["origin"].astype(np.int64) - result.frame.camera
@@ -260,7 +260,7 @@ def test_no_point_is_beyond_its_chunks_bounds():
 
 
 def test_a_chunk_on_the_near_plane(monkeypatch):
-    """Hardware keeps a chunk whose bound is one code beyond it."""
+    """Hardware keeps a chunk whose depth bound is one code beyond the near plane."""
     model, camera, result = points("garden")
     bound = np.sort(result.chunks["z_high"])[len(result.chunks["z_high"]) // 2]
     near = float(DEFAULT.arithmetic.decode(DEFAULT.arithmetic.encode(bound) - 1))

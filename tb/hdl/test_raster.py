@@ -1,4 +1,4 @@
-"""Stage 3: hardware against golden model, bit for bit, and that against the reference."""
+"""Stage 3: hardware against golden model, bit for bit; golden model against reference."""
 
 import functools
 from dataclasses import replace
@@ -36,18 +36,16 @@ from tb.helpers.scene_frames import parameters
 from tb.helpers.scenes import scene_path
 
 ONE = replace(DEFAULT, rasterizers=1)
-FEW = replace(
-    TINY, name="FEW", rasterizers=8, group=1, logic="fpga"
-)  # two blocks for each rasterizer
+FEW = replace(TINY, name="FEW", rasterizers=8, group=1, logic="fpga")  # two blocks per rasterizer
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
 SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
-"""Images: the largest, one that cuts blocks, and such as have hardly any."""
+"""Image sizes: the largest, one that cuts blocks, and two with hardly any pixels."""
 
 
 def random_case(config, count: int, size: tuple[int, int], seed: int) -> tuple[Codes, Entries]:
-    """Features, and lists with tiles drawn at random, whether a splat reaches them or not."""
+    """Return features, and lists with random tiles, whether a splat reaches them or not."""
     rng = np.random.default_rng(seed)
     groups = int(np.prod(group_grid(config, *size)))
     lengths = rng.multinomial(count, np.full(groups, 1 / groups))
@@ -83,7 +81,7 @@ def test_prepare(config):
 
 @pytest.mark.parametrize("bits", ["5/10", "7/12", "7/16"])
 def test_nothing_is_thinner_than_the_blur(bits):
-    """E's second differences have the bound that `spec.raster` reckons with, whatever is lost."""
+    """E's second differences keep the bound assumed in `spec.raster`, in spite of rounding."""
     config, case = with_width(bits), long_needles()
     frame = render_golden(config, pack(case.scene, config)[0], case.camera)
     codes = prepared_codes(config, frame.binned.features)
@@ -96,7 +94,7 @@ def test_nothing_is_thinner_than_the_blur(bits):
 @pytest.mark.parametrize("stall", [0, 0.3])
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_random_tiles(size, stall):
-    """Splats of all kinds, tiles that they reach and tiles that they do not."""
+    """Splats of all kinds, in tiles that they reach and in others."""
     for seed in range(3):
         background = ((0, 0, 0), (511, 0, 1), (100, 200, 300))[seed]
         case = random_case(TINY, 1000, size, seed)
@@ -108,8 +106,8 @@ def test_random_tiles(size, stall):
 
 @pytest.mark.slow
 def test_centres_at_the_other_end():
-    """Splats that are wider than an image of full size reach its last tiles from beyond its first
-    ones: the way from the centre has all of its bits."""
+    """Splats wider than a full-size image reach its last tiles from beyond its first ones: the
+    distance from the centre needs all of its bits."""
     size, count = (1920, 1080), 16
     columns, groups = group_grid(ONE, *size)[1], int(np.prod(group_grid(ONE, *size)))
     features = opaque_features(ONE, count, size)
@@ -140,7 +138,7 @@ def test_groups_without_splats():
 
 @pytest.mark.slow
 def test_queues_fill_and_run_empty():
-    """All, several times; nothing is lost. Of few splats blocks are finished faster than taken."""
+    """All queues, several times, without loss. Few splats finish blocks faster than taken."""
     size, groups = (64, 64), np.tile(np.arange(4), 4)
     full = empty = 0
     for seed, (count, stall) in enumerate(((1000, 0), (1000, 0.3), (20, 0.3), (20, 0.8))):
@@ -158,7 +156,7 @@ def test_queues_fill_and_run_empty():
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [20, 500])
 def test_counters(count):
-    """They are the golden model's where no pixel ends; what ends is known some cycles later."""
+    """They equal the golden model's if no pixel ends (hardware learns of ends cycles later)."""
     size = (64, 64)
     features, entries = random_case(TINY, count, size, 7)
     features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
@@ -177,7 +175,7 @@ def test_counters(count):
 
 @pytest.mark.slow
 def test_few_blocks():
-    """Where a rasterizer has few blocks, one is given out when it has just been before."""
+    """If a rasterizer has few blocks, the same block may be issued again right away."""
     size = (64, 64)
     for seed, stall in enumerate((0, 0, 0.3, 0.7)):
         case = random_case(FEW, (40, 400)[seed & 1], size, seed)
@@ -187,7 +185,7 @@ def test_few_blocks():
 
 @pytest.mark.slow
 def test_blocks_end_with_the_group():
-    """What the last splat of a group ends has not ended in the next one."""
+    """Pixels ended by the last splat of a group are live again in the next group."""
     size, count = (64, 64), 4 * 2
     entries = Entries(np.arange(5) * 2, np.arange(count), np.full(count, 15))
     for seed, stall in enumerate((0, 0.2, 0.5)):
@@ -197,7 +195,7 @@ def test_blocks_end_with_the_group():
 
 @pytest.mark.slow
 def test_stop():
-    """No tile is live once all pixels have ended, and what comes then changes nothing."""
+    """Once all pixels have ended, no tile is live, and later splats change nothing."""
     size = (32, 32)
     features = opaque_features(TINY, 600, size)
     entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
@@ -208,9 +206,9 @@ def test_stop():
 
 @pytest.mark.parametrize("hardware", [False, pytest.param(True, marks=pytest.mark.verify)])
 def test_without_early_termination(hardware):
-    """No pixel ends, and nothing of a splat that is behind all others is left out.
+    """No pixel ends, and splats behind all others still contribute.
 
-    Whole machines are tested without it as well (`OTHER`).
+    Whole machines are tested without early termination as well (`OTHER`).
     """
     config = replace(TINY, early_termination=False, faint=())
     size = (64, 64)
@@ -248,7 +246,7 @@ def test_hard_cases(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("stall", [0, 0.4])
 def test_from_splats_to_pixels(stall):
-    """Binning, lists in memory, the golden sorter, this stage: the golden machine's pixels."""
+    """Binning, lists in memory, the golden sorter and this stage give the golden pixels."""
     model, _ = pack(generate("garden", 3000), TINY)
     camera = generated_camera("garden", 64, 64)
     frame = render_golden(TINY, model, camera)
@@ -269,7 +267,7 @@ def test_from_splats_to_pixels(stall):
 
 @functools.cache
 def scene_groups(name: str):
-    """A real scene's features and lists, and 20 of its groups: the heaviest and some others."""
+    """Return a real scene's features and lists, and at least 20 groups, the heaviest included."""
     gaussians = read_scene(scene_path(name)).gaussians()
     camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")
     gaussians = as_packed(replace(gaussians, sh=gaussians.sh[:, :4]))
@@ -283,7 +281,7 @@ def scene_groups(name: str):
 
 @pytest.mark.parametrize("name", parameters(SCENES, 2))
 def test_scenes(name):
-    """By one of DEFAULT's rasterizers; whole machines render with all of them."""
+    """On one of DEFAULT's rasterizers; whole machines render with all of them."""
     features, entries, size, groups = scene_groups(name)
     for stall in (0, 0.3):
         run = run_groups(ONE, features, entries, size, groups, stall=stall)
@@ -292,8 +290,8 @@ def test_scenes(name):
 
 @pytest.mark.parametrize("name", ["garden", *HARD])
 def test_against_the_reference(name):
-    """The golden picture from the reference's splats, under the machine's rule; and marking loses
-    nothing."""
+    """The golden picture of the reference's splats, under the faintness rule, reaches 52 dB; and
+    marking skips no contribution."""
     case = HARD[name](0) if name in HARD else None
     scene = case.scene if case else generate("garden", 5_000)
     camera = case.camera if case else generated_camera("garden", 320, 180)

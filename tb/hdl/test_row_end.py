@@ -1,4 +1,4 @@
-"""A row's end against its golden model, in units: tiles hardly tell one unit from the next."""
+"""A row's end against its golden model, to the unit; tests of tiles would miss such errors."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.binning import FACTOR_FRACTION, HALF_BITS, lean_margin, outward
 from splatcore.spec.config import TINY
 
-SHEAR_AT = 2  # cycles after a band at which its shear is wanted
+SHEAR_AT = 2  # cycles from a band to its shear
 
 
 def bands(count: int) -> dict[str, np.ndarray]:
-    """Bands [N] of outlines of all sizes; lean is inside, beyond, or about at the margin of it."""
+    """Return bands [N] of outlines of all sizes; lean is inside, beyond, or near the margin."""
     rng = np.random.default_rng(0)
     half = rng.integers(2, 1 << rng.integers(2, HALF_BITS + 1, count))
     low, high = np.sort(rng.integers(-half, half + 1, (2, count)), axis=0)

@@ -19,7 +19,7 @@ FIXED = [
     Fixed(12, 0, True),
     Fixed(10, 3, False),
 ]
-"""At most `CODE_BITS` wide: every code is tried."""
+"""At most `CODE_BITS` wide, so that every code is tried."""
 
 FLOATS = [
     FP16,
@@ -35,18 +35,18 @@ FLOATS = [
 ]
 
 NEAR = range(-40, 41)
-FAR = range(-(1 << 15), 1 << 15)  # as far as a header's exponent of 16 bits goes
+FAR = range(-(1 << 15), 1 << 15)  # the range of a header's 16-bit exponent
 
 
 def exact(fixed: Fixed, format: Float, code: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """The right results. Float64 holds the product, or it is past both ends of any format."""
+    """Return the exact results. Float64 holds every product that is in a format's range."""
     code = code & ((1 << fixed.width) - 1)
     with np.errstate(over="ignore", under="ignore"):
         return format.encode(np.ldexp(fixed.decode(code), scale))
 
 
 def scaled(cases: list[tuple[Fixed, Float, range]]) -> list[Datapath]:
-    """Converters at latencies in turn, each compared where the scale is one of its own."""
+    """Return converters at latencies 0 … 6 in turn, each compared only at its own scales."""
     return [converter(*case, number % 7) for number, case in enumerate(cases)]
 
 
@@ -66,7 +66,7 @@ def converter(fixed: Fixed, format: Float, scales: range, latency: int) -> Datap
 
 
 def every(width: int, scales) -> dict[str, np.ndarray]:
-    """All codes of `width` bits at all scales, in no order."""
+    """Return all codes of `width` bits at all scales, in random order."""
     code, scale = np.meshgrid(np.arange(1 << width), np.fromiter(scales, int), indexing="ij")
     order = np.random.default_rng(width).permutation(code.size)
     return {"i": code.reshape(-1)[order], "scale": scale.reshape(-1)[order]}
@@ -74,7 +74,7 @@ def every(width: int, scales) -> dict[str, np.ndarray]:
 
 @pytest.mark.slow
 def test_every_code_at_every_scale():
-    """More than half of all pairs of formats, each format in at least three of them."""
+    """More than half of all pairs of formats, each format in at least three pairs."""
     pairs = enumerate(product(FIXED, FLOATS))
     chosen = [(fixed, format, NEAR) for k, (fixed, format) in pairs if k % 7 < 4]
     check(scaled(chosen), every(CODE_BITS, NEAR))
@@ -82,7 +82,7 @@ def test_every_code_at_every_scale():
 
 @pytest.mark.slow
 def test_far_scales():
-    """Both ends, what is around them, around zero and around powers of two, and any."""
+    """Scales at both ends, around zero, around powers of two, and random ones."""
     rng = np.random.default_rng(5)
     ends = [*NEAR, *range(FAR[0], FAR[0] + 9), *range(FAR[-1] - 9, FAR[-1] + 1)]
     ends += [sign * (1 << bit) + k for sign in (-1, 1) for bit in range(6, 15) for k in (-1, 0, 1)]
@@ -95,13 +95,13 @@ def test_far_scales():
 
 @pytest.mark.slow
 def test_ranges_on_one_side():
-    """With `enable` low in some of the cycles: a scale waits with its number."""
+    """With `enable` low in some cycles, a scale stays with its number."""
     ranges = [range(-60, -50), range(20, 30), range(-9, -8), range(6), NEAR]
     cases = [
         (FIXED[k % 2], format, scales)
         for k, (format, scales) in enumerate(product(FLOATS[::3], ranges))
     ]
-    # Nothing but subnormal values, the largest of which rounds up to the smallest normal one.
+    # Only subnormal values; the largest rounds up to the smallest normal one.
     cases.append((FIXED[-1], FP16, range(-30, -23)))
     inputs = every(8, range(-60, 41))
     inputs["i"] |= inputs["i"] << 8
@@ -109,7 +109,7 @@ def test_ranges_on_one_side():
 
 
 def test_to_fixed_of_every_code_at_a_scale():
-    """`ToFixed` with a scale: short formats, at both ends of theirs and of the scale."""
+    """`ToFixed` with a scale: all codes of short formats, at both ends of the scale."""
     scales = range(-1, 3)
 
     def datapath(format: Float, fixed: Fixed, latency: int) -> Datapath:

@@ -1,4 +1,4 @@
-"""Helpers of `hdl.lib.shift` that are simulated on their own."""
+"""`plus_one` and `several` of `hdl.lib.shift`, for every value."""
 
 import pytest
 from amaranth.hdl import Module, Signal
@@ -10,7 +10,7 @@ from splatcore.hdl.lib.shift import plus_one, several
 @pytest.mark.parametrize("logic", ["gates", "fpga"])
 @pytest.mark.parametrize("width", [1, 2, 7])
 def test_plus_one(width, logic):
-    """Every value, the one that wraps included."""
+    """Every value, including the one that wraps."""
     m = Module()
     value, more = Signal(width), Signal(width)
     m.d.comb += more.eq(plus_one(value, logic))

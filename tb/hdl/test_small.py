@@ -1,4 +1,4 @@
-"""Attributes in half a beat against exact rationals, and the hardware that expands them."""
+"""Half-beat attributes against exact rationals, and the hardware that expands them."""
 
 from fractions import Fraction
 from itertools import product
@@ -26,7 +26,7 @@ NAMES = (*ON_DIAGONAL, *BELOW)
 
 
 def halves(seed: int) -> dict[str, np.ndarray]:
-    """Codes of all exponents with all magnitudes and signs, in each element of L; the rest is
+    """Return codes with all exponents, magnitudes and signs, in each element of L; the rest is
     random."""
     exponent, magnitude = np.array([*product(range(32), range(32))]).T
     rng = np.random.default_rng(seed)
@@ -39,8 +39,8 @@ def halves(seed: int) -> dict[str, np.ndarray]:
     return {name: values.astype(np.uint64) for name, values in codes.items()}
 
 
-def test_a_beat_is_what_half_of_it_says():
-    """Every element is ± m · 2^(e + UNIT), every opacity that of a quarter step."""
+def test_expanded_values():
+    """Every element of L is ± m · 2^(e + UNIT), and every opacity keeps its value."""
     codes = halves(0)
     whole, record = expanded(codes), FORMAT.attribute_record
     used = codes["exponent"] <= EXPONENT_LAST
@@ -59,7 +59,7 @@ def test_a_beat_is_what_half_of_it_says():
 
 
 def test_hardware_makes_the_same_beats():
-    """With exponents, too, that no model has."""
+    """Also for exponents that no model has."""
     codes = halves(1)
     stored = FORMAT.stored_record.pack(codes).view("<u8")[:, 0]
     beats = FORMAT.attribute_record.pack(expanded(codes)).view("<u8")
@@ -81,8 +81,8 @@ def test_hardware_makes_the_same_beats():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rounding(seed):
-    """No element is off by more than half a step, which is a fifteenth of the largest one; what is
-    rounded stays, and has codes."""
+    """Errors are at most half a step, about a fifteenth of the largest element; rounded values are
+    fixed points, and have codes."""
     rng = np.random.default_rng(seed)
     size = np.exp2(rng.uniform(UNIT + 4, EXPONENT_LAST + UNIT + 3, (5000, 1, 1)))
     lower = np.tril(rng.uniform(-1, 1, (5000, 3, 3)) * size)

@@ -1,4 +1,4 @@
-"""Stage 2 against its golden model: order, marks, stops, pace."""
+"""Stage 2 against its golden model: order, marks, stops, cycles."""
 
 from dataclasses import replace
 from itertools import product
@@ -42,7 +42,7 @@ SAMPLES = ("o__valid", "o__payload")
 
 NARROW = replace(TINY, sort_digits=(1,) * 8)
 CONFIGS = MACHINES | {"NARROW": NARROW}
-"""Stages with planted faults are narrow, as there are many of them."""
+"""With `NARROW` for planted faults: there are many, and small machines compile fast."""
 
 MIXED = (30, 5, 0, 0, 64, 63, 1, 33, 57, 16, 17, 15, 48)
 """Lengths around a batch and a half of TINY."""
@@ -51,7 +51,7 @@ MIXED = (30, 5, 0, 0, 64, 63, 1, 33, 57, 16, 17, 15, 48)
 def check(
     name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, last=1, **constants
 ) -> Result:
-    """A run, every stream compared with the golden model's. last: jobs with which a group ends."""
+    """Run, and compare every stream with the golden model's. last: per job, it ends a group."""
     config = CONFIGS[name]
     rows = sort_rows(config, np.array(counts, int), entries_of(config, kind, counts, seed), last)
     part = part or compiled(Sort, config, samples=SAMPLES)
@@ -62,12 +62,12 @@ def check(
 
 
 def groups_of(counts, seed: int = 0) -> np.ndarray:
-    """A bit for each job: a group ends with it, at random; the last one does."""
+    """Return one bit per job: a group ends with it, at random; the last job always ends one."""
     return np.append(np.random.default_rng(seed).integers(0, 2, len(counts) - 1), 1)
 
 
 def test_golden_in_small():
-    """Results looked through by hand: a group of two jobs, and one without entries."""
+    """The golden model on a group of two jobs and one without entries, with known results."""
     keys = np.array([3, 1, 2, 1, 5, 4], np.uint64)
     entries = {"key": keys, "splat": np.arange(6), "mask": np.arange(6) + 10}
     found = sort(np.array([4, 2, 0]), np.array([0, 1, 1]), entries)
@@ -79,7 +79,7 @@ def test_golden_in_small():
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
 def test_tiny_equals_golden(kind):
-    """All lengths around the sizes of things, with and without stalls."""
+    """Lengths around the sizes of batches and halves, with and without stalls."""
     for count in (0, 1, 2, 15, 16, 17, 31, 63, 64):
         check("TINY", kind, [count])
     for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
@@ -112,7 +112,7 @@ def test_whole_halves_equal_golden(name, kind):
 @pytest.mark.parametrize("kind", KEYS)
 @pytest.mark.parametrize("name", MACHINES)
 def test_cycles_of_a_list(name, kind):
-    """The figure (a single sub-sorter cannot reach it), and the model, whatever the keys."""
+    """Within `BOUND` (except with a single sub-sorter) and 3 % of the model, for any keys."""
     config = MACHINES[name]
     half = half_entries(config)
     for count in (1, 2, 16, 17, 63, 64, 100, 129, 200, 256, 500, 1000, 1300, 2048):
@@ -126,7 +126,7 @@ def test_cycles_of_a_list(name, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_cycles_of_many_groups(name):
-    """As the model says; 2 an entry, some a group, if a sub-sorter loads while another gives."""
+    """As in the model; 2 per entry and some per group, if one sub-sorter loads as another sends."""
     config, random = MACHINES[name], np.random.default_rng(5)
     drawn = list(random.integers(0, half_entries(config), 20))
     for counts in ([10] * 30, [50] * 30, [500] * 10, [1300] * 8, drawn):
@@ -134,7 +134,7 @@ def test_cycles_of_many_groups(name):
         found = check(name, "random", counts).cycles
         assert abs(found - cycles(config, counts)) <= 0.03 * found
         if len(set(counts)) == 1 and config.sub_sorters > 1:
-            first = cycles(config, counts[:1])  # nothing else is done meanwhile
+            first = cycles(config, counts[:1])  # no other group overlaps with it
             runs = -(-counts[0] // config.sub_sorter_entries)
             assert found <= first + (2 * counts[0] + 2 * runs + 8) * len(counts)
 
@@ -147,11 +147,11 @@ def test_counters():
     assert 0 < counted["sorting"] < result.cycles
     assert 0 < counted["starved"] < result.cycles and counted["blocked"] > 0
     result = check("TINY", "random", [64] * 20)
-    assert counters(COUNTED, result.ports["counters"])["blocked"] == 0  # only the outside blocks
+    assert counters(COUNTED, result.ports["counters"])["blocked"] == 0  # only the consumer blocks
 
 
 def marks_taken(result: Result) -> np.ndarray:
-    """Cycles in which a mark was taken: it goes away then, and none follows at once."""
+    """Return the cycles in which a mark was taken: it is gone in the next cycle."""
     end = sorted_record(TINY).offset("end")
     there = (result.samples["o__valid"] == 1) & (result.samples["o__payload"] >> end == 1)
     return np.flatnonzero(there & ~np.append(there[1:], False))
@@ -164,7 +164,7 @@ def marks_taken(result: Result) -> np.ndarray:
     [((40, 64, 5, 30), (1, 1, 1, 1)), ((3, 64, 64, 50, 20, 64, 17), (1, 0, 0, 1, 1, 1, 1))],
 )
 def test_stop(counts, last, stall):
-    """At any moment: the group being given out ends soon, in order; all others come whole."""
+    """A stop in any cycle: the current group ends soon, in order; all others come whole."""
     rows = sort_rows(TINY, np.array(counts), entries_of(TINY, "clustered", counts), last)
 
     def run(stop) -> Result:
@@ -180,7 +180,7 @@ def test_stop(counts, last, stall):
     assert len(never) == len(ends)
     shortened = 0
     for moment in range(0, never[-1], 1 + never[-1] // 150):
-        # Until the mark comes, a stop that is held for ever does the same as the right one.
+        # Until the mark comes, a stop that is held for ever acts like one of the right length.
         held = marks_taken(run([0] * moment + [1]))
         group = int((held < moment).sum())
         result = run([0] * moment + [1] * (held[group] - moment + 1) + [0])
@@ -203,7 +203,7 @@ def test_stop(counts, last, stall):
 FAULTS = {
     "a later run wins a tie": (Merge, "_compare", "second.gone) < Cat", "second.gone) <= Cat"),
     "heads are not waited for": (Merge, "elaborate", "(~self.live | self.present).all() & ", ""),
-    "what is found is lost": (Merge, "_advance", "waits | arrives", "waits"),
+    "a found entry is lost": (Merge, "_advance", "waits | arrives", "waits"),
     "a place is read early": (Merge, "_fetch", "self.waits & left", "self.waits"),
     "a batch too long": (Runs, "_cut", "slot.index.all() | ", ""),
     "a run in the wrong half": (
@@ -226,7 +226,7 @@ FAULTS = {
 
 
 def check_all(part: Simulation, fault: int):
-    """Runs that find every fault."""
+    """Check that passes without a fault and fails with each one."""
     for seed, stall in enumerate((0, 0.5)):
         for kind, counts in (("equal", [*MIXED, 64, 61]), ("clustered", [*MIXED, 30, 64])):
             last = groups_of(counts, seed)

@@ -1,4 +1,4 @@
-"""The stream primitives under all stall patterns, their promises counted in cycles."""
+"""Stream primitives under all stall patterns: order, latency, capacity and throughput in cycles."""
 
 import gc
 
@@ -6,14 +6,14 @@ import pytest
 
 from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register, Slot, Stage
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-from tb.helpers.parts import Beside, Piped
+from tb.helpers.parts import Piped, SideBySide
 from tb.helpers.runs import needs_icarus
 
 WIDTH = 16
 
 
 def part(component, latency: int, capacity: int, outputs: int = 1, pace: int = 1) -> tuple:
-    """A component and its docstring's promises; pace: cycles from one item to the next."""
+    """Return a component and its docstring's promises. pace: cycles per item"""
     level = hasattr(component, "level")
     promise = {"latency": latency, "capacity": capacity, "outputs": outputs, "level": level}
     promise["pace"] = pace
@@ -35,7 +35,7 @@ PROMISES = {name: promise for name, (_, promise) in PARTS.items()}
 
 
 def run(simulator: str, promises: dict, few: bool):
-    beside = Beside({name: component for name, (component, _) in PARTS.items()})
+    beside = SideBySide({name: component for name, (component, _) in PARTS.items()})
     run_testbench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
 
 
@@ -54,7 +54,7 @@ def test_under_verilator():
     ],
 )
 def test_broken_promise_is_named(name, promise, test):
-    """The testbench fails, and says where, if a part does not do what it is said to do."""
+    """The testbench fails, and names test and part, if a promise is off by one."""
     broken = PROMISES[name] | {promise: PROMISES[name][promise] - 1}
     with pytest.raises(AssertionError, match=rf"tb\.testbenches\.stream\.{test}/part={name}"):
         run("verilator", {name: broken, "fork": PROMISES["fork"]}, few=True)

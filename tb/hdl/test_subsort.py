@@ -1,4 +1,4 @@
-"""A sub-sorter against a stable sort, its pace, and proofs of a small one."""
+"""A sub-sorter against a stable sort, its cycles, and proofs of a small one."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ LONG = ("paper", "largest")
 
 
 def run(name: str, batches: list[np.ndarray], stall: float = 0, seed: int = 0):
-    """A run, compared with the golden model."""
+    """Run, and compare with the golden model."""
     config = MACHINES[name]
     last = np.concatenate([np.arange(len(keys)) == len(keys) - 1 for keys in batches])
     rows = batch_record(config).pack({"key": np.concatenate(batches), "last": last})
@@ -57,8 +57,8 @@ def test_equals_stable_sort(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["default", "short", "pairs"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_two_cycles_an_entry(kind, name):
-    """Whatever the keys: loading, the phases once, then 2 cycles for each entry."""
+def test_two_cycles_per_entry(kind, name):
+    """For any keys: loading, each phase once, then 2 cycles per entry."""
     config, random = MACHINES[name], np.random.default_rng(1)
     for count in (1, 2, config.sub_sorter_entries // 2 + 1, config.sub_sorter_entries):
         keys = KINDS[kind](config.sort_key_bits, count, random)
@@ -70,7 +70,7 @@ def test_two_cycles_an_entry(kind, name):
 
 @pytest.mark.slow
 def test_drop():
-    """A drop at any moment forgets the batch; the next one is sorted as if it were the first."""
+    """A drop in any cycle discards the batch; the next one is sorted as if it were the first."""
     config, random = MACHINES["tiny"], np.random.default_rng(2)
     keys = random_keys(config.sort_key_bits, 13, random)
     last = np.arange(13) == 12
@@ -83,7 +83,7 @@ def test_drop():
         assert result.finished and result.ports["idle"], moment
         found = ranked_record(config).unpack(result.outputs["o"])
         taken, given = min(moment, 13), len(found["key"])
-        # The rows up to the drop are lost, or those that were not given; what follows is sorted.
+        # The rows up to the drop, or the entries not yet output, are lost; the rest is sorted.
         if moment < 13:
             batches = [keys[moment + 1 :], keys, keys]
         else:
@@ -100,7 +100,7 @@ def test_drop():
 
 @pytest.mark.verify
 def test_no_path_is_too_deep():
-    """`phases` cuts the digits so that they fit in a cycle each time."""
+    """`phases` splits the digits so that each part fits in a cycle."""
     for widths in ((1,) * 23, (2,) * 12, (4, 4)):
         config = replace(TINY, sub_sorter_entries=32, sort_digits=widths)
         assert gates(SubSorter(config)).speed_depth <= DEPTH_MAX

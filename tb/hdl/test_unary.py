@@ -1,6 +1,6 @@
 """Reciprocal and rsqrt: golden model against integers and rationals, RTL against golden model.
 
-Bounds are inequalities of integers. With x = X·2^a and a result R·2^b, of last place 2^b:
+Bounds are checked as integer inequalities. With x = X·2^a and a result R·2^b of last place 2^b:
 
     |R·2^b − 1/x| ≤ n/d · 2^b    ⇔    (dR − n)·X ≤ d·2^(−a−b) ≤ (dR + n)·X
     |R·2^b − 1/√x| ≤ n/d · 2^b   ⇔    (dR − n)²·X ≤ d²·2^(−a−2b) ≤ (dR + n)²·X     (dR ≥ n)
@@ -46,7 +46,7 @@ IN_RTL = [
 
 
 def fields(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sign, integer significand and power of two of its last place; zeros have significand 0."""
+    """Return sign, integer significand and its exponent; zeros have significand 0."""
     codes = np.asarray(codes).astype(np.int64)
     biased, fraction = np.divmod(codes % 2 ** (format.width - format.signed), 2**format.fraction)
     significand = np.where(biased > 0, 2**format.fraction + fraction, fraction * format.subnormal)
@@ -55,19 +55,19 @@ def fields(format: Float, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
 
 
 def top(format: Float) -> int:
-    """The code of too large a result, without sign; infinity counts as the next value."""
+    """Return the code of an overflow, without sign; infinity counts as the next value."""
     infinity = format.overflow == "infinity"
     return (2**format.exponent - infinity) * 2**format.fraction - (not infinity)
 
 
 def assert_close(function, format: Float, codes: np.ndarray, bound=(3, 4)) -> None:
-    """|error| ≤ `bound` units in the result's last place, for finite x > 0 and ≥ 4 exponent bits;
-    the exact neighbour for what lies between 0 and `min_normal`."""
+    """Check |error| ≤ `bound` units in the result's last place, for finite x > 0 and at least 4
+    exponent bits; between 0 and `min_normal`, check for the exact neighbour."""
     results = function(format, codes).astype(np.int64)
     _, x, a = fields(format, codes)
     assert (x > 0).all()
     if function is reciprocal and not format.subnormal:
-        ends = (2**format.bias, 2 ** (format.bias - 1))  # of 0, and of what becomes min_normal
+        ends = (2**format.bias, 2 ** (format.bias - 1))  # with result 0, min_normal
         gone, least = (codes >= format.encode(float(end)) for end in ends)
         np.testing.assert_array_equal(results[gone], 0)
         np.testing.assert_array_equal(results[~gone & least], 1 << format.fraction)
@@ -91,13 +91,13 @@ def assert_close(function, format: Float, codes: np.ndarray, bound=(3, 4)) -> No
 
 
 def positive(format: Float) -> np.ndarray:
-    """Codes of all finite values above zero."""
+    """Return the codes of all finite values above zero."""
     first = 1 if format.subnormal else 2**format.fraction
     return np.arange(first, top(format) + (format.overflow == "saturate"))
 
 
 def hard_codes(format: Float, count: int) -> np.ndarray:
-    """Positive finite codes: all fractions at both parities, all binades' ends, random ones."""
+    """Return positive finite codes: all fractions at both parities, binades' ends, random ones."""
     size = 1 << format.fraction
     last = positive(format)[-1] if format.width < 28 else top(format) - 1
     middle = format.bias * size + np.arange(-min(size, 2**16), min(2 * size, 2**17))
@@ -125,20 +125,20 @@ def test_error(format, function):
 @pytest.mark.parametrize("fraction", [19, 20, 21, 22, 23])
 @pytest.mark.slow
 def test_error_wide(fraction, function):
-    """Fractions up to that of binary32, whose bound is ⅘."""
+    """Fractions as long as binary32's, with a bound of ⅘."""
     format = Float(8, fraction, overflow="infinity")
     assert_close(function, format, hard_codes(format, 20_000)[::7], bound=(4, 5))
 
 
 def allowed(function, format: Float, code: int, result: int) -> bool:
-    """True if an input may have this result, by rationals from the format's definition."""
+    """Return whether an input may have this result, by rationals and the format's definition."""
     (sign, sign_out), (x, r), (a, b) = (v.tolist() for v in fields(format, [code, result]))
     magnitude, magnitude_out = (c % 2 ** (format.width - format.signed) for c in (code, result))
     infinity = top(format)
     ieee, root = format.overflow == "infinity", function is rsqrt
     if ieee and (magnitude > infinity or (root and sign and x)):
         return result == infinity + 2 ** (format.fraction - 1)
-    # The root has the sign of a zero, no other; zero has none if it has one code only.
+    # A root has a sign only for −0; zero has no sign if it has a single code.
     if sign_out != (sign and (ieee or (magnitude_out > 0 and not root))):
         return False
     if x == 0 or (root and sign):
@@ -163,7 +163,7 @@ def allowed(function, format: Float, code: int, result: int) -> bool:
 @pytest.mark.parametrize("function", FUNCTIONS)
 @pytest.mark.parametrize("format", SMALL, ids=str)
 def test_small(format, function):
-    """Every code, special ones too, of formats whose results underflow and overflow."""
+    """All codes, special ones included, of formats whose results underflow and overflow."""
     codes = range(2**format.width)
     results = function(format, np.arange(2**format.width)).tolist()
     wrong = [c for c, r in zip(codes, results, strict=True) if not allowed(function, format, c, r)]
@@ -174,7 +174,7 @@ def test_small(format, function):
     "format", [*EVERY_CODE, GRADUAL24, NORMAL24, Float(7, 15), Float(8, 23)], ids=str
 )
 def test_powers_are_exact(format):
-    """1/2^n, and 1/√(4^n); ends of the range as `Float.encode` has them."""
+    """1/2^n and 1/√(4^n) are exact; at the ends of the range, results are as in `Float.encode`."""
     least, largest = np.log2([format.min_subnormal, format.max]).astype(int)
     powers = np.ldexp(1.0, np.arange(least, largest + 1))
     fours = powers[np.arange(least, largest + 1) % 2 == 0]
@@ -190,10 +190,10 @@ def test_powers_are_exact(format):
 @pytest.mark.parametrize("format", [*EVERY_CODE, GRADUAL24, NORMAL24], ids=str)
 @pytest.mark.slow
 def test_monotone(format, function):
-    """Over every finite positive code, zero too."""
+    """Over zero and every finite positive code."""
     results = function(format, np.append(0, positive(format))).astype(np.int32)
     assert (results[1:] <= results[:-1]).all()
-    if format.signed and function is reciprocal:  # odd, but for the one zero
+    if format.signed and function is reciprocal:  # odd, except for the single zero
         sign = 1 << format.width - 1
         some = positive(format)[::97]
         negative = results[1::97] + sign * ((results[1::97] > 0) | (format.overflow == "infinity"))
@@ -224,7 +224,7 @@ def test_special_values():
 
 
 def test_shapes():
-    """Any shape comes back in the format's dtype; what does not fit is refused."""
+    """Results keep the shape, in the format's dtype; codes that do not fit are refused."""
     for function in FUNCTIONS:
         for shape in ((), (0,), (2, 0), (2, 3)):
             codes = np.full(shape, 0x3C01, np.uint16)
@@ -245,7 +245,7 @@ def unit(make: type, format: Float, latency: int) -> Datapath:
 
 
 def check_rtl(units: list[Datapath], codes: np.ndarray) -> None:
-    """Units equal their golden models for codes in random order, with pauses of noise between."""
+    """Check units against their golden models: codes in random order, with noise in pauses."""
     rng = np.random.default_rng(2)
     latest = max(unit.latency for unit in units)
     check(units, *with_pauses({"a": rng.permutation(codes)}, rng, latest))
@@ -253,7 +253,7 @@ def check_rtl(units: list[Datapath], codes: np.ndarray) -> None:
 
 @pytest.mark.slow
 def test_rtl_every_code():
-    """Every code of formats of each kind and degree, every latency."""
+    """All codes of formats of each kind and degree, at every latency."""
     assert len(IN_RTL) > len(REGISTERS) + 2
     formats = enumerate(IN_RTL)
     check_rtl([unit(make, format, k) for k, format in formats for make in UNITS], np.arange(2**16))
@@ -261,7 +261,7 @@ def test_rtl_every_code():
 
 @pytest.mark.slow
 def test_rtl_24_bits():
-    """Every significand at both parities, every binade's ends, random codes; and their signs."""
+    """Every significand at both parities, ends of every binade, random codes; with signs."""
     latencies = ((Reciprocal, 0, 4), (Rsqrt, 3, 5))
     units = [
         unit(make, format, latency)

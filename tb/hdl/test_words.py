@@ -1,4 +1,4 @@
-"""Bursts of 16-byte beats through a port of 32-byte beats: every beat, each of the port's once."""
+"""Bursts of 16-byte beats through a port of 32-byte beats: all arrive, each port beat read once."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ from tb.helpers.parts import forward
 from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
-MOST = 4  # beats of a burst
-UNDER_WAY = 2 * BURSTS_WAITING  # bursts that memory takes before it answers the first one
+LENGTH_MAX = 4  # beats per burst
+IN_FLIGHT = 2 * BURSTS_WAITING  # bursts that memory accepts before it answers the first one
 
 WORD = Record("word", {"address": Bits(BEAT_ADDRESS_BITS), "turn": Bits(32)})
 
@@ -26,13 +26,16 @@ pytestmark = pytest.mark.slow
 
 
 class Memory(wiring.Component):
-    """`Words` on a memory whose beats of 16 bytes hold their address, and in how manieth burst of
-    the port they were read. bursts: what was asked for. pace: an item for each of the port's beats.
-    pause: cycles from a burst to the next.
+    """`Words` on a memory whose 16-byte beats hold their address and the number of the burst, of
+    the port, that read them.
+
+    bursts: the requests
+    pace: one item per beat of the port
+    pause: cycles from one burst to the next
     """
 
     def __init__(self):
-        self.words = Words(PORTS[256], MOST)
+        self.words = Words(PORTS[256], LENGTH_MAX)
         members = self.words.signature.members
         pace = In(stream.Signature(1))
         super().__init__(
@@ -55,7 +58,7 @@ class Memory(wiring.Component):
             m.d.sync += left.eq(left - 1)
         with m.Elif(self.i.valid & self.i.ready):
             m.d.sync += left.eq(self.pause)
-        m.submodules.queue = queue = Queue(layout(read_record()), UNDER_WAY)
+        m.submodules.queue = queue = Queue(layout(read_record()), IN_FLIGHT)
         asked, burst, back = words.reads, queue.o.payload, words.data
         m.d.comb += [
             self.bursts.payload.eq(asked.payload),
@@ -84,7 +87,7 @@ class Memory(wiring.Component):
 
 
 def run(first: np.ndarray, count: np.ndarray, pause: int = 0, **options) -> Result:
-    """Bursts of beats, all of which come in order."""
+    """Run bursts of beats, and check that all beats come in order."""
     words = np.concatenate([np.arange(b, b + n) for b, n in zip(first, count, strict=True)])
     codes = {"beat": first, "length": count - 1, "narrow": np.zeros_like(first)}
     inputs = {"i": read_record().pack(codes), "pace": np.zeros((2 * len(words), 1), np.uint8)}
@@ -98,7 +101,7 @@ def run(first: np.ndarray, count: np.ndarray, pause: int = 0, **options) -> Resu
 
 
 def asked(result: Result) -> np.ndarray:
-    """The port's beats that were read."""
+    """Return the port's beats that were read."""
     codes = read_record().unpack(result.outputs["bursts"])
     assert not (codes["beat"] % 2).any()
     pairs = zip(codes["beat"].astype(int) // 2, codes["length"].astype(int), strict=True)
@@ -107,10 +110,9 @@ def asked(result: Result) -> np.ndarray:
 
 @pytest.mark.parametrize("stall", [0, 0.3, 0.7])
 def test_bursts(stall):
-    """Neighbours, bursts with gaps between, the same again, backwards; anything but what is needed
-    is not read."""
+    """Adjacent bursts, bursts with gaps, repeated and backward ones; only needed beats are read."""
     rng = np.random.default_rng(int(10 * stall))
-    count = rng.integers(1, MOST + 1, 600)
+    count = rng.integers(1, LENGTH_MAX + 1, 600)
     gap = rng.choice([0, 0, 0, 1, 2, 5, -4, -1], 600)
     first = 1000 + np.cumsum(count + gap) - count
     result = run(first, count, stall=stall, seed=int(10 * stall))
@@ -124,9 +126,9 @@ def test_bursts(stall):
     )))  # fmt: skip
 
 
-@pytest.mark.parametrize("each", range(1, MOST + 1))
+@pytest.mark.parametrize("each", range(1, LENGTH_MAX + 1))
 def test_neighbours(each):
-    """What is read without a gap is read once, a beat of 16 bytes a cycle."""
+    """Adjacent bursts read each port beat once, and deliver one 16-byte beat per cycle."""
     count = np.full(200, each)
     result = run(np.cumsum(count) - count, count)
     np.testing.assert_array_equal(asked(result), np.arange(-(-200 * each // 2)))
@@ -134,7 +136,7 @@ def test_neighbours(each):
 
 
 def test_nothing_is_kept():
-    """A neighbour that is asked for later is read again: memory may have changed."""
+    """A port beat that is needed again later is read again, as memory may have changed."""
     result = run(np.array([0, 1]), np.array([1, 1]), pause=40)
     assert asked(result).tolist() == [0, 0]
     turns = WORD.unpack(result.outputs["o"][:, : -(-WORD.width // 8)])["turn"]

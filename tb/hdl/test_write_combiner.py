@@ -1,4 +1,4 @@
-"""Gathering slots to lines."""
+"""Gathering slots into lines: each slot is written once, in order, in bursts of whole lines."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from splatcore.spec.work import FEATURE, SLOT
 from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
-WORD = 8  # bytes of the words in which slots are told apart here
+WORD = 8  # bytes of the words that slots consist of here
 COUNT = 800
 
 SIZES = (SLOT, FEATURE)
@@ -29,7 +29,7 @@ def address_bits(size: int) -> int:
 
 
 def addresses(rng: np.random.Generator, size: int) -> np.ndarray:
-    """Runs of neighbours from anywhere, some with holes, some backwards."""
+    """Return runs of adjacent addresses from anywhere, some with holes, some backwards."""
     found, end = [], 1 << address_bits(size)
     while len(found) < COUNT:
         first, length = rng.integers(0, end), rng.integers(1, 14)
@@ -39,7 +39,7 @@ def addresses(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def lines(slot: np.ndarray, data: np.ndarray, size: int) -> list[dict[int, int]]:
-    """Lines gathered, slot → data."""
+    """Return the expected lines, each slot → data."""
     found, slots = [{int(slot[0]): int(data[0])}], LINE // size
     for address, value in zip(slot[1:].tolist(), data[1:].tolist(), strict=True):
         before = max(found[-1])
@@ -51,12 +51,12 @@ def lines(slot: np.ndarray, data: np.ndarray, size: int) -> list[dict[int, int]]
 
 
 def written(config: Config, rows: np.ndarray, size: int) -> list[dict[int, int]]:
-    """Lines written by bursts, slot → its first word; a slot's words count up."""
+    """Return the lines written, each slot → first word; checks that a slot's words count up."""
     codes, count = write_record(config).unpack(rows), LINE // port_bytes(config)
     assert (codes["length"] == count - 1).all() and len(rows) % count == 0
     beat = codes["beat"].astype(np.int64).reshape(-1, count)
     assert (beat == beat[:, :1]).all() and (beat % LINE_BEATS == 0).all()
-    slots, words = port_bytes(config) // size, size // WORD  # of a beat, of a slot
+    slots, words = port_bytes(config) // size, size // WORD  # per beat, per slot
     first = (beat * BEAT // size + slots * np.arange(count)).reshape(-1)
     found = [{} for _ in range(len(rows) // count)]
     whole = (1 << size) - 1
@@ -74,7 +74,7 @@ def run(
     config: Config, size: int, slot: np.ndarray, flush, stall: float, count: int | None,
     seed: int = 0,
 ):  # fmt: skip
-    """A run and what it has written."""
+    """Run; returns the result, the data and the lines written."""
     data = np.random.default_rng(seed).integers(0, 1 << 62, len(slot))
     words = data[:, None] + np.arange(size // WORD)
     fields = {"slot": Bits(address_bits(size)), "data": Array(Bits(8 * WORD), size // WORD)}
@@ -101,7 +101,7 @@ def test_lines(config, size, stall):
 
 
 def test_flush(config, size):
-    """Whenever it comes, every slot is written once and in order, and none stays inside."""
+    """Whenever a flush comes, every slot is written once and in order, and none stays inside."""
     rng = np.random.default_rng(3)
     for stall in (0, 0.5):
         slot = addresses(rng, size)

@@ -1,8 +1,8 @@
-"""All clients of `hdl.memory.axi` at work on memories of `cocotbext-axi` with pauses.
+"""All clients of `hdl.memory.axi` on memories of `cocotbext-axi` with pauses.
 
-Each writer has a region of memory of its own, all readers read one that nobody writes. What was
-taken from a writer must be in memory, exactly; what was asked for must come back, in order. Where
-addresses have 64 bits there are two windows with memory, and each burst is in any of them.
+Each writer has its own region of memory; all readers share a region that is never written. Memory
+must hold exactly the written data, and read data must come back in the order of requests. With
+64-bit addresses there are two windows with memory, and each burst is in a random one.
 """
 
 import random
@@ -19,8 +19,8 @@ from tb.helpers.streams import Stream, pause, start
 
 BURSTS = 40  # bursts of each client in a test
 PORT = parameters()["port"]  # bits of the port
-BEAT, WIDE = PORT // 8, PORT // axi.DATA_BITS  # bytes of its beats; the machine's in one
-REGION = 2 * axi.BOUNDARY  # bytes of a client's region; that of the readers is the last one
+BEAT, WIDE = PORT // 8, PORT // axi.DATA_BITS  # bytes per beat; machine words per beat
+REGION = 2 * axi.BOUNDARY  # bytes of a client's region; the readers' region is the last one
 
 WINDOW_BITS = parameters()["address_bits"] - axi.ADDRESS_BITS
 COUNT = 2 if WINDOW_BITS else 1  # of windows
@@ -30,11 +30,11 @@ LENGTH_MAX = 16
 HALVES = (axi.PREPROCESSING, axi.RENDERING)
 CHANNELS = {"ar": ("id", "addr", "len"), "aw": ("id", "addr", "len"), "w": ("data", "strb", "last")}
 FIXED = {"size": BEAT.bit_length() - 1, "burst": 1}
-"""Wires of both address channels that never change while an address is offered."""
+"""Wires of both address channels that are constant while an address is offered."""
 
 
 class Mixed(AxiSlaveRead):
-    """Answers of different IDs come in any order, beat by beat."""
+    """A memory that answers reads of different IDs in random order, beat by beat."""
 
     async def _process_read(self):
         queues = {k: deque() for k in range(len(axi.READERS))}
@@ -57,15 +57,15 @@ class Mixed(AxiSlaveRead):
 
 
 class Memory:
-    """Bytes of one window after the other, and a set of places of beats that answer by an error."""
+    """Bytes of all windows, one after the other. broken: places of beats answered by an error."""
 
     def __init__(self, content: np.ndarray, windows: list[int]):
         self.content, self.windows, self.broken = content.copy(), windows, set()
 
     def place(self, address: int) -> int:
-        """The place of an address in `content`."""
+        """Index of an address in `content`."""
         window, below = divmod(address, 1 << axi.ADDRESS_BITS)
-        assert window in self.windows, f"nothing lies at {address:#x}"
+        assert window in self.windows, f"no memory at {address:#x}"
         return self.windows.index(window) * MEMORY + below
 
     async def read(self, address: int, length: int) -> bytes:
@@ -82,7 +82,7 @@ class Memory:
 
 
 class Bench:
-    """Clients, memory, and the bytes that both must agree about."""
+    """Clients, memory, and the expected contents of memory."""
 
     def __init__(self, dut, kind: str, pattern):
         self.dut, self.pattern = dut, pattern
@@ -107,15 +107,15 @@ class Bench:
         self.reads = [Stream(dut, f"reads__{k}") for k in range(len(axi.READERS))]
         self.data = [Stream(dut, f"data__{k}") for k in range(len(axi.READERS))]
         self.writes = [Stream(dut, f"writes__{k}") for k in range(len(axi.WRITERS))]
-        # By client: bursts to be asked for; beats expected back; beats to be written.
+        # By client: bursts to request, expected read beats, beats to write.
         self.requests = [deque() for _ in axi.READERS]
         self.awaited = [deque() for _ in axi.READERS]
         self.beats = [deque() for _ in axi.WRITERS]
-        self.inside = [0 for _ in axi.WRITERS]  # beats left of the burst that has begun
-        self.silent = [False, False]  # halves whose clients do nothing
-        self.reading, self.writing = [0, 0], [0 for _ in axi.WRITERS]  # bursts under way
+        self.inside = [0 for _ in axi.WRITERS]  # remaining beats of the current burst
+        self.silent = [False, False]  # halves whose clients are idle
+        self.reading, self.writing = [0, 0], [0 for _ in axi.WRITERS]  # bursts in flight
         self.errors = {"read": set(), "write": set()}
-        self.passed = 0  # beats taken and given by clients, less those that were counted
+        self.passed = 0  # beats transferred by clients minus beats counted by the module
 
     async def start(self):
         dut = self.dut
@@ -132,7 +132,7 @@ class Bench:
             cocotb.start_soon(self.writer(k))
 
     def load(self, halves=HALVES):
-        """Random bursts for the clients of some halves."""
+        """Queue random bursts for the clients of some halves."""
         for k, half in enumerate(axi.READERS.values()):
             if half in halves:
                 self.requests[k] += [self.burst(READ_BASE) for _ in range(BURSTS)]
@@ -146,13 +146,16 @@ class Bench:
                         self.beats[k].append(beat)
 
     def burst(self, base: int) -> tuple[int, int]:
-        """First beat and beats, of the port, of a burst that does not cross the boundary."""
+        """First port beat and number of beats of a random burst within the boundary."""
         page, beats = axi.BOUNDARY // BEAT, random.choice([1, 2, random.randint(1, LENGTH_MAX)])
         place = random.randint(0, page - beats) + random.randrange(COUNT) * MEMORY // BEAT
         return (base // BEAT + page * random.randrange(REGION // axi.BOUNDARY) + place), beats
 
     def offer(self, way: str, k: int, first: int | None) -> int:
-        """Have the window beside a client be that of a place, of None any; the place within it."""
+        """Drive a client's window input to the window of a place, or a random one for None.
+
+        Returns the place within the window.
+        """
         window, below = divmod(first or 0, MEMORY // BEAT)
         if WINDOW_BITS:
             any_window = random.getrandbits(WINDOW_BITS)
@@ -165,7 +168,7 @@ class Bench:
         return bool(int(self.dut.failing.value) >> half & 1)
 
     async def reader(self, k: int):
-        """Asks for bursts."""
+        """Request bursts."""
         stream, half, idle = self.reads[k], list(axi.READERS.values())[k], self.pattern()
         while True:
             offers = bool(self.requests[k]) and not self.silent[half] and not next(idle)
@@ -179,20 +182,20 @@ class Bench:
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
             if offers and stream.ready.value:
-                assert not self.fails(half), f"reader {k} begins though its half fails"
+                assert not self.fails(half), f"reader {k} begins a burst though its half fails"
                 self.requests[k].popleft()
                 self.reading[half] += 1
                 self.awaited[k] += [(first + n, n == beats - 1) for n in range(beats)]
 
     async def takes(self, k: int):
-        """Takes beats and compares them."""
+        """Accept beats and compare them."""
         stream, half, stall = self.data[k], list(axi.READERS.values())[k], self.pattern()
         while True:
             free = not self.silent[half] and not next(stall)
             stream.ready.value = free
             await RisingEdge(self.dut.clk)
             if self.fails(half):
-                assert not stream.valid.value, f"reader {k} has a beat though its half fails"
+                assert not stream.valid.value, f"reader {k} gets a beat though its half fails"
             if free and stream.valid.value:
                 found = int(stream.payload.value)
                 beat, last = self.awaited[k].popleft()
@@ -206,7 +209,7 @@ class Bench:
                 self.passed += 1
 
     async def writer(self, k: int):
-        """Gives beats; once a burst has begun, without waiting."""
+        """Offer beats, without pauses within a burst."""
         stream, half, idle = self.writes[k], list(axi.WRITERS.values())[k], self.pattern()
         while True:
             offers = bool(self.beats[k]) and not self.silent[half]
@@ -224,7 +227,7 @@ class Bench:
             while offers and not stream.ready.value and not self.silent[half]:
                 await RisingEdge(self.dut.clk)
             if offers and stream.ready.value:
-                assert not self.fails(half), f"writer {k} goes on though its half fails"
+                assert not self.fails(half), f"writer {k} continues though its half fails"
                 self.beats[k].popleft()
                 self.inside[k] = length - 1 - place
                 self.writing[k] += place == 0
@@ -237,7 +240,7 @@ class Bench:
                 self.expected[address + byte] = data >> 8 * byte & 255
 
     async def watch_port(self):
-        """Offers are kept; what never changes in them is right."""
+        """Check that offers are kept, and that constant wires are right."""
         dut, offered = self.dut, {}
         wires = {
             channel: [
@@ -253,13 +256,13 @@ class Bench:
                     sent = {name: getattr(dut, f"m_axi__{channel}{name}").value for name in FIXED}
                     assert {name: int(value) for name, value in sent.items()} == FIXED
                 if channel in offered:
-                    assert now == offered[channel], f"{channel}: the offer was not kept"
+                    assert now == offered[channel], f"{channel}: the offer changed"
                 offered.pop(channel, None)
                 if now is not None and not ready.value:
                     offered[channel] = now
 
     async def watch(self):
-        """Answers, dropped beats, errors; nothing is called idle or settled that is not."""
+        """Track answers, dropped beats and errors; check `idle` and `settled`."""
         dut = self.dut
         halves = list(axi.WRITERS.values())
         while True:
@@ -268,8 +271,8 @@ class Bench:
             for k, bursts_out in enumerate(self.writing):
                 assert not (settled >> k & 1 and bursts_out), f"writer {k} is not settled"
             for half in HALVES:
-                under_way = zip(halves, self.writing, strict=True)
-                busy = self.reading[half] or any(n for of, n in under_way if of == half)
+                in_flight = zip(halves, self.writing, strict=True)
+                busy = self.reading[half] or any(n for of, n in in_flight if of == half)
                 assert not (idle >> half & 1 and busy), f"half {half} is not idle"
             failing = int(dut.failing.value)
             if dut.m_axi__bvalid.value and dut.m_axi__bready.value:
@@ -286,7 +289,7 @@ class Bench:
                     seen.add(error >> 1)
 
     async def done(self):
-        """Wait until all clients are through and the module says so."""
+        """Wait until all clients are done and the module is idle."""
         while any([*self.requests, *self.beats]):
             await RisingEdge(self.dut.clk)
         while int(self.dut.idle.value) != (1 << len(HALVES)) - 1:
@@ -295,8 +298,8 @@ class Bench:
         for k, awaited in enumerate(self.awaited):
             assert not awaited, f"reader {k} lacks beats"
 
-    def give_up(self, half: int):
-        """Clients of a half begin anew."""
+    def abort(self, half: int):
+        """Reset the clients of a half."""
         for k, of in enumerate(axi.READERS.values()):
             if of == half:
                 assert not self.awaited[k], f"reader {k} lacks beats"
@@ -307,7 +310,7 @@ class Bench:
                 self.inside[k] = 0
 
     def compare(self):
-        """Memory holds what it must."""
+        """Compare memory with the expected contents."""
         found = self.content()
         wrong = np.flatnonzero(found != self.expected)
         wrong = [k for k in wrong if k // BEAT * BEAT not in self.memory.broken]

@@ -1,4 +1,4 @@
-"""Batches of entries for sub-sorters: keys of all kinds, ties among them."""
+"""Batches of entries for sub-sorters: keys of all kinds, including ties."""
 
 from itertools import cycle
 
@@ -20,7 +20,7 @@ KINDS = KEYS | {"close": close_keys, "extreme": extreme_keys}
 
 
 def batches_of(config: Config, count: int, seed: int) -> list[np.ndarray]:
-    """Batches of all kinds and sizes, each kind full in the first place."""
+    """Batches of all kinds and sizes, first a full batch of each kind."""
     random = np.random.default_rng(seed)
     entries = config.sub_sorter_entries
     sizes = [entries] * len(KINDS) + [1, 2, 3, entries - 1]

@@ -1,4 +1,4 @@
-"""Binning under test: a frame's registers as a stream, whole frames as rows, and exact tiles."""
+"""Binning under test: frame registers as a stream, frames as rows, exact tiles."""
 
 from dataclasses import dataclass, replace
 
@@ -27,7 +27,7 @@ from tb.helpers.parts import forward
 from tb.helpers.runs import check_run, compiled, counters
 
 SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
-"""A machine whose keys do not reach all depths, and whose groups are single tiles."""
+"""A machine whose keys do not cover all depths, and whose groups are single tiles."""
 
 SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
 
@@ -39,20 +39,23 @@ SIZE_BITS = 13
 
 SAMPLES = ("room", "finishing", "bursts__valid")
 
-SETTLING = 2  # cycles for which a frame's registers stand before it begins
+SETTLING = 2  # cycles between a frame's registers and its first splat
 
 SIZES = {"splats": SPLAT_BITS, "width": SIZE_BITS, "height": SIZE_BITS, "pages": PAGE_BITS}
 FRAME = Record("frame", {name: Bits(bits) for name, bits in SIZES.items()})
-"""The registers of a frame and how many splats it has."""
+"""The registers of a frame and its number of splats."""
 
-REPORT = Record("report", {"needed": Bits(PAGE_BITS)})  # the report when a frame is done
+REPORT = Record("report", {"needed": Bits(PAGE_BITS)})  # result at the end of a frame
 
 
 class BinFrames(wiring.Component):
-    """`Bin`, which raises `finish` when a frame's splats are in; then the next frame follows.
+    """`Bin` with logic that raises `finish` after a frame's last splat and begins the next frame.
 
-    Members, besides `Bin`'s and the streams of frames
-        room: there is room in the queue of splats. finishing: `Bin.finish`.
+    Members, in addition to those of `Bin`
+        frames: stream of `FRAME`
+        reports: stream of `REPORT`
+        room: whether the queue of splats has room
+        finishing: `Bin.finish`
     """
 
     def __init__(self, config: Config):
@@ -90,7 +93,7 @@ class BinFrames(wiring.Component):
             self.frames.ready.eq(released & ~inner.done),
         ]
         waits = Cat(getattr(inner, name).valid for name in ("features", "bursts", "groups")).any()
-        holds(m, "given", ~(inner.done & waits), "done, and not all has been given")
+        holds(m, "given", ~(inner.done & waits), "done before all outputs were taken")
         m.d.sync += settled.eq(Mux(self.frames.ready, 0, (settled << 1) | self.frames.valid))
         with m.If(inner.i.valid & inner.i.ready):
             m.d.sync += taken.eq(taken + 1)
@@ -103,7 +106,7 @@ class BinFrames(wiring.Component):
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Splats (codes [N] of `splat_record`), the image's size in pixels and the size of memory."""
+    """Splats (codes [N] of `splat_record`), the image's size in pixels, and list pages."""
 
     splats: Codes
     width: int
@@ -115,7 +118,7 @@ class Frame:
 
 
 def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
-    """The rows of both in streams."""
+    """Rows of both input streams."""
     sizes = [(len(frame), frame.width, frame.height, frame.pages) for frame in frames]
     columns = np.array(sizes, np.uint64).T
     return {
@@ -125,7 +128,7 @@ def rows_in(config: Config, frames: list[Frame]) -> dict[str, np.ndarray]:
 
 
 def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
-    """The rows of all out streams."""
+    """Rows of all output streams."""
     found = {"features": [], "bursts": [], "groups": [], "reports": []}
     for result in results:
         lists = result.lists
@@ -140,12 +143,12 @@ def rows_out(config: Config, results: list[Binned]) -> dict[str, np.ndarray]:
 
 
 def bin_frame(config: Config, frame: Frame) -> Binned:
-    """The golden result."""
+    """Bin a frame by the golden model."""
     return bin_splats(config, frame.splats, frame.width, frame.height, frame.pages)
 
 
 def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
-    """Every bit of every stream, and the counters; the run and the golden results."""
+    """Compare all streams bit by bit, and the counters. Returns the run and the golden results."""
     config = MACHINES[name]
     results = [bin_frame(config, frame) for frame in frames]
     expected = rows_out(config, results)
@@ -167,7 +170,7 @@ def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
 
 
 def read_lists(config: Config, lists: Lists) -> list[np.ndarray]:
-    """The entries of each group, as one finds them in memory by following its pages."""
+    """Entries of each group, read from memory by following its pages."""
     per_page = config.page // config.burst
     memory = np.zeros((max(lists.needed, 1) * per_page, config.burst), np.uint64)
     assert len(np.unique(lists.address)) == len(lists.address)
@@ -184,7 +187,7 @@ def read_lists(config: Config, lists: Lists) -> list[np.ndarray]:
 
 
 def read_memory(config: Config, run: Result) -> list[np.ndarray]:
-    """The same of the one frame of a run: rows of `entry_record`, group by group."""
+    """The same for the only frame of a run: rows of `entry_record`, group by group."""
     bursts = burst_record(config).unpack(run.outputs["bursts"])
     groups = group_record().unpack(run.outputs["groups"])
     needed = REPORT.unpack(run.outputs["reports"])["needed"][0]
@@ -206,7 +209,7 @@ class Ellipses:
 
     @classmethod
     def of(cls, config: Config, splats: Codes) -> "Ellipses":
-        """Those of the splats' own codes, in float64."""
+        """Ellipses of splats, from their codes, in float64."""
         pixel = 2.0**config.screen_exponent
         value = {name: config.arithmetic.decode(code) for name, code in splats.items()}
         across = value["power_across"] / POWER_SCALE / pixel**2
@@ -217,7 +220,7 @@ class Ellipses:
         return cls(centre, conic, reach)
 
     def boxes(self, width: int, height: int) -> np.ndarray:
-        """First and last columns and rows of tiles [N, 4] that may be touched, and one beyond."""
+        """First and last columns and rows of tiles [N, 4] that may be touched, with a margin."""
         a, b, c = self.conic.T
         half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
         last = np.array([width - 1, height - 1]) // TILE
@@ -227,7 +230,7 @@ class Ellipses:
 
 
 def found_tiles(config: Config, frame: Frame, found: Binned) -> tuple[np.ndarray, ...]:
-    """Splat (its number in the frame), row and column of each pair that binning has, [N] each."""
+    """Splat number in the frame, tile row and column of each pair found by binning, [N] each."""
     side, columns = config.group, -(-frame.width // (TILE * config.group))
     mask = found.entries["mask"].astype(np.int64)
     entry, place = np.nonzero(mask[:, None] >> np.arange(side * side) & 1)
@@ -240,10 +243,12 @@ def compare_tiles(
     config: Config, frame: Frame, found: Binned, ellipses: Ellipses | None = None,
     splats: np.ndarray | None = None,
 ) -> tuple[int, int]:  # fmt: skip
-    """Pairs of splats and tiles that touch, and how many of them binning does not have.
+    """Compare the pairs found by binning with the exact ones.
 
-    A tile is touched if Q ≤ reach somewhere in the rectangle of its pixels' centres. `ellipses`
-    are those of splats [N], numbers in the frame; of all if they are not given.
+    ellipses: of `splats`
+    splats: [N] numbers in the frame; default: all
+    A splat touches a tile if Q ≤ reach somewhere in the rectangle of the tile's pixel centres.
+    Returns the number of touching pairs, and how many of them binning has missed.
     """
     ellipses = ellipses or Ellipses.of(config, frame.splats)
     splats = np.arange(len(frame)) if splats is None else splats
@@ -257,10 +262,10 @@ def compare_tiles(
     splat, row, column = found_tiles(config, frame, found)
     assert (column < columns).all()
     tiles = len(exact.start) - 1
-    there = np.isin(splats[exact.splat] * tiles + tile, splat * tiles + row * columns + column)
-    return len(tile), int((~there).sum())
+    known = np.isin(splats[exact.splat] * tiles + tile, splat * tiles + row * columns + column)
+    return len(tile), int((~known).sum())
 
 
 def pairs(found: Binned) -> int:
-    """Pairs of splats and tiles that binning has."""
+    """Number of pairs of splats and tiles found by binning."""
     return int(np.bitwise_count(found.entries["mask"]).sum())

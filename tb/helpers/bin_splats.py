@@ -1,4 +1,4 @@
-"""Random splats for binning, through stage 1's own steps from a covariance on."""
+"""Random splats for binning, computed by stage 1's own steps from a covariance on."""
 
 from functools import cache
 
@@ -15,27 +15,27 @@ from splatcore.spec.microprogram import Program, parse
 from splatcore.spec.programs import FACTORS, SHAPE
 
 KINDS = ("common", "tiny", "needle", "flat", "huge", "beside", "far", "faint", "vast")
-"""Sorts of splats; what they are is in `splats`."""
+"""Kinds of splats, defined in `splats`."""
 
 FADED = "faded"
-"""One more, of machines that compensate opacities: some have nothing left to be seen."""
+"""Another kind, for machines that compensate opacities: some are compensated to invisible."""
 
 NEAREST = 1e-7  # a depth below the smallest near plane, whose key is 0
 
 
 @cache
 def conic(tile_test: str) -> Program:
-    """The part of the projection that begins with the covariance."""
+    """The part of the projection after the covariance."""
     return Program("conic", parse(FACTORS + SHAPE[tile_test]), ())
 
 
 def between(rng: np.random.Generator, low: float, high: float, count: int) -> np.ndarray:
-    """Numbers [N] whose logarithms are evenly spread."""
+    """Numbers [N] with uniformly distributed logarithms."""
     return np.exp(rng.uniform(np.log(low), np.log(high), count))
 
 
 def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: int = 0) -> Codes:
-    """Codes [N] of `splat_record` for an image of `size` pixels."""
+    """Random codes [N] of `splat_record` for an image of `size` pixels."""
     rng = np.random.default_rng([seed, (*KINDS, FADED).index(kind)])
     side = max(*size, TILE)
     sigma = {
@@ -73,5 +73,5 @@ def splats(config: Config, kind: str, count: int, size: tuple[int, int], seed: i
 
 
 def together(*parts: Codes) -> Codes:
-    """Splats of several sorts, one after the other."""
+    """Concatenate splats."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

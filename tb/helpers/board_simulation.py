@@ -1,4 +1,4 @@
-"""A board in simulation, as a process of its own: its UART is a serial port of this computer."""
+"""A simulated board in a separate process; its UART is a serial port of this computer."""
 
 import multiprocessing
 import time
@@ -20,8 +20,11 @@ COMPILING_SECONDS = 1800
 
 @contextmanager
 def simulated_board(config: Config, folder: Path) -> Iterator[str]:
-    """A machine on a simulated board; its port. folder: gets `board.json`, and at the end `log`,
-    what the simulation has said. The machine's registers and memories begin at random."""
+    """Simulate a machine on a board; yields the name of its serial port.
+
+    folder: gets `board.json`, and `log`, the simulation's output
+    The machine's registers and memories have random initial values.
+    """
     with quiet():
         system = simulated(config, CLOCK_HZ, BAUD, "MT48LC16M16")
         system.finalize()
@@ -47,10 +50,10 @@ def simulated_board(config: Config, folder: Path) -> Iterator[str]:
 
 
 def opened(path: Path, process: multiprocessing.Process) -> str:
-    """The port that a simulation opens, as soon as it is compiled."""
+    """Wait for the port that a simulation opens when it is compiled."""
     until = time.monotonic() + COMPILING_SECONDS
     while process.is_alive() and time.monotonic() < until:
         if path.exists() and (port := path.read_text()):
             return port
         time.sleep(0.1)
-    raise AssertionError("no simulation")
+    raise AssertionError("the simulation did not start")

@@ -1,4 +1,4 @@
-"""Chromium without a screen, by its DevTools protocol."""
+"""Headless Chromium, controlled by its DevTools protocol."""
 
 import base64
 import io
@@ -22,7 +22,7 @@ OPTIONS = (
     "--disable-component-update --disable-sync --hide-scrollbars --remote-debugging-port=0"
 )
 
-LONGEST = 120.0  # seconds that anything may take
+LONGEST = 120.0  # time limit in seconds
 
 
 class Tab:
@@ -32,7 +32,7 @@ class Tab:
         self.socket, self.number = socket, 0
 
     def call(self, method: str, **parameters) -> dict:
-        """What a method of the protocol returns."""
+        """Call a method of the protocol; its result."""
         self.number += 1
         self.socket.send(json.dumps({"id": self.number, "method": method, "params": parameters}))
         while (answer := json.loads(self.socket.recv(LONGEST))).get("id") != self.number:
@@ -46,12 +46,12 @@ class Tab:
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
     def value(self, script: str):
-        """What an expression of JavaScript is."""
+        """Value of a JavaScript expression."""
         result = self.call("Runtime.evaluate", expression=script, returnByValue=True)
         return result["result"].get("value")
 
     def drag(self, begin: tuple[int, int], end: tuple[int, int]):
-        """Move the mouse from one pixel to another with its left button down."""
+        """Drag the mouse from one pixel to another with the left button."""
         for kind, (x, y) in (
             ("Moved", begin),
             ("Pressed", begin),
@@ -66,7 +66,7 @@ class Tab:
 
 @contextmanager
 def opened(address: str, folder: Path, width: int, height: int) -> Iterator[Tab]:
-    """A page of a size in pixels. folder: new, for the browser's own files."""
+    """Open a page of `width` x `height` pixels. folder: a new one for the browser's files."""
     from websockets.sync.client import connect
 
     command = [CHROMIUM, *OPTIONS.split(), f"--user-data-dir={folder}", "about:blank"]
@@ -90,9 +90,9 @@ def opened(address: str, folder: Path, width: int, height: int) -> Iterator[Tab]
             process.terminate()
 
 
-def until(true: Callable[[], object], longest: float = LONGEST):
-    """Wait until something is true."""
+def until(condition: Callable[[], object], longest: float = LONGEST):
+    """Wait until a condition holds, for at most `longest` seconds."""
     end = time.monotonic() + longest
-    while not true():
-        assert time.monotonic() < end, "it does not come"
+    while not condition():
+        assert time.monotonic() < end, "timeout"
         time.sleep(0.1)

@@ -11,11 +11,11 @@ EXPECTED = [
     look_at([3, -1, 2], [0, 0.5, 0], 640, 480, 500.0, name="4"),
     look_at([-2, -2, -4], [0.3, 0, 0], 640, 480, 510.0, name="7"),
 ]
-"""The cameras that every file below holds."""
+"""The cameras in all files below."""
 
 
 def inria() -> list[dict]:
-    """The entries of a cameras.json: centre and camera-to-world rotation."""
+    """Entries of a cameras.json: centre and camera-to-world rotation."""
     entries = []
     for camera in EXPECTED:
         entry = {"id": int(camera.name), "img_name": f"view {camera.name}.png"}
@@ -26,7 +26,7 @@ def inria() -> list[dict]:
 
 
 def transforms() -> dict:
-    """A transforms.json as nerfstudio writes it: camera to world, looking along −z, y up."""
+    """A transforms.json in nerfstudio's format: camera to world, looking along −z, y up."""
     frames = []
     for camera in EXPECTED:
         matrix = np.eye(4)
@@ -39,7 +39,7 @@ def transforms() -> dict:
 
 
 def colmap_text(model: str = "PINHOLE") -> dict[str, bytes]:
-    """cameras.txt and images.txt; the second image comes first, the other has no points."""
+    """cameras.txt and images.txt; the second image comes first, the first one has no points."""
     cameras, images = "# comment\n", "# comment\n\n"
     for image, camera in reversed(list(zip((4, 7), EXPECTED, strict=True))):
         focal = f"{camera.fx!r}" if model == "SIMPLE_PINHOLE" else f"{camera.fx!r} {camera.fy!r}"
@@ -64,5 +64,5 @@ def colmap_binary(model: int = 1) -> dict[str, bytes]:
 
 
 def wxyz(camera: Camera) -> list[float]:
-    """(w, x, y, z) of a camera's rotation."""
+    """Quaternion (w, x, y, z) of a camera's rotation."""
     return Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True).tolist()

@@ -1,10 +1,10 @@
-"""Measurements for campaigns in tests; processes import this file, which is quick."""
+"""Measurements for campaigns in tests, in a file that is quick to import in processes."""
 
 import os
 
 
 def double(number: int, log: str) -> dict:
-    """A measurement that says how often it was made."""
+    """A measurement that logs each of its runs."""
     with open(log, "a") as file:
         file.write(f"{number}\n")
     if number < 0:
@@ -13,17 +13,17 @@ def double(number: int, log: str) -> dict:
 
 
 def die(number: int, log: str) -> dict:
-    """A measurement that takes its process with it."""
+    """A measurement that ends its process."""
     os._exit(1)
 
 
 def crash(number: int, log: str) -> dict:
-    """A measurement whose process ends by the signal of that number."""
+    """A measurement whose process is killed by signal `number`."""
     os.kill(os.getpid(), number)
 
 
 def say(text: str):
-    """A measurement that tells its progress."""
+    """A measurement that prints a message."""
     from splatcore.sim.common.output import messages
 
     messages.print(text)

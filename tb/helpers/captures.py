@@ -12,7 +12,7 @@ POINT = struct.pack("<Q3d3BdQ", 1, 0.5, 0, 0, 9, 8, 7, 0.1, 0)
 
 
 def colmap(folder, files: dict[str, bytes]):
-    """Write a COLMAP model with a point."""
+    """Write a COLMAP model with one point."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in (files | {"points3D.bin": struct.pack("<Q", 1) + POINT}).items():
         (folder / name).write_bytes(data)
@@ -26,7 +26,7 @@ def photographs(folder, size=(64, 48)):
 
 
 def transforms_file(folder, value: dict, name: str = "transforms.json"):
-    """The path of a transforms.json with this content."""
+    """Write a transforms.json; its path."""
     (folder / name).write_text(json.dumps(value))
     return folder / name
 

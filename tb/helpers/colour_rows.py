@@ -1,4 +1,4 @@
-"""Models and points for the projection with every sort of colours: random codes, random rays."""
+"""Models and points for tests of the projection's colours: random codes, random rays."""
 
 from collections.abc import Callable
 
@@ -36,7 +36,7 @@ def any_bytes(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def few_bits(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Bytes of long runs of equal bits: codes at both ends of their range and around zero."""
+    """Bytes with long runs of equal bits: codes at both ends of their range and around zero."""
     runs = rng.geometric(0.08, 8 * int(np.prod(shape)) + 1)
     bits = np.repeat(np.arange(len(runs)) % 2, runs)[: 8 * int(np.prod(shape))]
     return np.packbits(bits.astype(np.uint8)).reshape(shape)
@@ -50,8 +50,11 @@ def random_model(
     draw: Draw = any_bytes,
     last: int = CHUNK,
 ) -> PackedModel:
-    """A model whose attributes, codebooks and steps are random; layouts: [C] of the chunks, the
-    last one of which has `last` Gaussians."""
+    """A model with random attributes, codebooks and steps.
+
+    layouts: [C] of the chunks
+    last: Gaussians of the last chunk
+    """
     count = (len(layouts) - 1) * CHUNK + last
     each = np.minimum(count - np.arange(chunk_count(count)) * CHUNK, CHUNK)
     beats = int(each @ np.array([layout.beats for layout in LAYOUTS])[layouts])
@@ -93,7 +96,7 @@ def _zeros(record: Record, count: int) -> dict[str, np.ndarray]:
 
 
 def random_rays(config: Config, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-    """Rays of all sorts: of any direction, along an axis or near one, tiny, huge, and none."""
+    """Rays of all kinds: in any direction, along an axis or nearly, tiny, huge, and zero."""
     way = rng.normal(size=(count, 3))
     kind = rng.integers(0, 6, count)
     way[kind == 1] *= rng.integers(-1, 2, (np.sum(kind == 1), 3))  # some coordinates 0
@@ -112,8 +115,10 @@ def random_rays(config: Config, rng: np.random.Generator, count: int) -> dict[st
 def project_rows(
     config: Config, model: PackedModel, rng: np.random.Generator, kept: float = 0.8
 ) -> tuple[Rows, Rows, dict[str, int]]:
-    """Rows of the projection's in streams and out streams, and its registers, for points of a model
-    that are not where it has them: their coordinates and rays are random."""
+    """Rows of the projection's input and output streams, and its registers.
+
+    The points have a model's attributes, but random coordinates and rays.
+    """
     frame = frame_constants(config, generated_camera("garden"), 0, 0)
     index = np.arange(len(model))
     last = (index % CHUNK == CHUNK - 1) | (index == len(model) - 1)

@@ -1,4 +1,4 @@
-"""The command line as tests run it, and the repository's folder."""
+"""Run the command line in tests; the repository's folder."""
 
 import json
 import os
@@ -24,7 +24,7 @@ KEYS = [
     "max_error_machine", "max_error_scene", "identical", "cycles", "fps_at_800mhz",
     "traffic_bytes", "packing",
 ]  # fmt: skip
-"""Keys of the object that `render --json` writes."""
+"""Keys written by `render --json`."""
 
 
 def run(*arguments: object) -> int:
@@ -36,9 +36,9 @@ def run(*arguments: object) -> int:
 
 
 def check_refused(capsys, arguments: str, message: str):
-    """A command is refused by one line of error that `message`, a pattern, is found in.
+    """Check that a command is refused with one line of error that matches the pattern `message`.
 
-    What it did before may take any time: lines of progress are left out.
+    Lines of progress are suppressed, as the command may work for a while before it fails.
     """
     capsys.readouterr()
     with patch.object(output, "EVERY", 3600):
@@ -49,13 +49,13 @@ def check_refused(capsys, arguments: str, message: str):
 
 
 def check_documented(heading: str, keys: Iterable[str]):
-    """docs/json.md has every key in the section of a heading."""
+    """Check that docs/json.md documents every key in the section of a heading."""
     section = (ROOT / "docs" / "json.md").read_text().partition(heading)[2].partition("\n## ")[0]
     assert not [key for key in keys if f"`{key}`" not in section]
 
 
 def make(*words: str, **variables: str) -> subprocess.CompletedProcess:
-    """Run make in the repository as if all was installed, and as if no make had started this."""
+    """Run make in the repository, without installing, and without variables of an outer make."""
     variables = [f"{name}={value}" for name, value in variables.items()]
     return subprocess.run(
         ["make", "-o", "install", "-o", ".venv/installed", *variables, *words], cwd=ROOT,
@@ -65,16 +65,16 @@ def make(*words: str, **variables: str) -> subprocess.CompletedProcess:
 
 
 def load(path) -> dict:
-    """A JSON file's object; that of a result without its version, which all of them have."""
+    """Read a JSON file's object, without `version`, which all results have."""
     facts = json.loads(path.read_text())
     facts.pop("version", None)
     return facts
 
 
 def write_scene(folder: Path):
-    """A small scene and two cameras: scene.ply, cameras.json."""
+    """Write a small scene and two cameras: scene.ply, cameras.json."""
     scene = cloud(0, count=200)
-    depth = scene.position[:, 2] + 3  # none lies just before the near plane, which is noted
+    depth = scene.position[:, 2] + 3  # none just in front of the near plane: no note
     scene.position[(depth > 0) & (depth < 0.21), 2] += 0.3
     write_ply(folder / "scene.ply", scene)
     cameras = [

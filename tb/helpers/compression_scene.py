@@ -1,4 +1,4 @@
-"""A scene for tests of compression, a quick recipe, and a callback that does nothing."""
+"""A scene for tests of compression, a quick recipe, and an empty callback."""
 
 from dataclasses import replace
 
@@ -13,11 +13,11 @@ SIZE = (96, 64)
 
 
 def nothing(*_):
-    """Hears of progress and does nothing."""
+    """A progress callback that does nothing."""
 
 
 def garden_with_harmonics(count: int = 700, strength: float = 0.05, seed: int = 1) -> Scene:
-    """A garden whose harmonics go up to degree 3."""
+    """A garden with harmonics up to degree 3."""
     garden, rng = generate("garden", count), np.random.default_rng(seed)
     more = rng.normal(0, strength, (count, 16 - garden.sh.shape[1], 3))
     return replace(garden, sh=np.concatenate([garden.sh, more], axis=1))

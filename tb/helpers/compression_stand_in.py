@@ -1,7 +1,7 @@
-"""A stand-in for compression, for tests of the benchmark around it.
+"""A stand-in for compression, for tests of its benchmark.
 
 It has the signatures of `model.compress.compress` and `model.compress.train`, prunes and packs,
-and never learns.
+but does not train.
 """
 
 import sys
@@ -28,16 +28,16 @@ COUNT = 600
 
 
 class Interrupt(BaseException):
-    """Ctrl-C of a user."""
+    """A user's Ctrl-C."""
 
 
 class StandIn:
-    """`compress` and its neighbours by the same signatures; `calls` tells what was done."""
+    """`compress` and related functions with the same signatures; `calls` is a log."""
 
     def __init__(self):
         self.calls: list[str] = []
         self.stop_after: str | None = None
-        self.breaks_at = 0  # Gaussians of the scene that cannot be compressed
+        self.breaks_at = 0  # number of Gaussians of the scene for which compression fails
 
     def teacher_targets(self, scene, count, size, seed, cameras=(), beside=0.0, near=0.2):
         assert {camera.near for camera in cameras} <= {near}
@@ -52,7 +52,7 @@ class StandIn:
         return small(300)
 
     def decide(self, scene, targets, recipe, *_):
-        """Compact models of degree 1 where none is named."""
+        """Compact models, of degree 1 by default."""
         return recipe if recipe.degree is not None else replace(recipe, degree=1)
 
     def compress(self, scene, targets, recipe, checkpoints, config, tell, original):
@@ -94,12 +94,12 @@ class StandIn:
 
 
 def small(count: int = COUNT) -> Scene:
-    """A scene to compress, its harmonics of degree 3."""
+    """A scene to compress, with harmonics of degree 3."""
     return garden_with_harmonics(count, 0.02, 0)
 
 
 def installed(tmp_path, monkeypatch) -> StandIn:
-    """The stand-in, in a working folder with a scene, a.ply, and two cameras."""
+    """Install the stand-in, and change to a folder with a scene, a.ply, and two cameras."""
     monkeypatch.chdir(tmp_path)
     found = StandIn()
     for name, function in (
@@ -118,12 +118,12 @@ def installed(tmp_path, monkeypatch) -> StandIn:
 
 
 def bench(*arguments: str) -> int:
-    """The exit status of the command."""
+    """Run the command; its exit status."""
     return run(*BENCH.split(), *arguments)
 
 
 def scenes() -> dict:
-    """The results of the scenes that the command measured."""
+    """Results of the measured scenes, by name."""
     return load(Path("out/compression.json"))["scenes"]
 
 

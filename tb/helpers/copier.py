@@ -1,4 +1,4 @@
-"""A small device in the machine's place, for tests of what is around it: it copies memory."""
+"""A small device that replaces the machine in tests of its memory and host: it copies memory."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
@@ -11,18 +11,18 @@ from splatcore.spec.config import TINY
 from splatcore.spec.registers import CODE_BITS, ErrorCode, addresses
 
 FAULTS = ("none", "ar", "aw", "w", "last", "boundary", "size", "outside", "hang", "early")
-"""Errors of the device, chosen by FEATURES_MAX less `FAULT`."""
+"""Faults of the device, selected by FEATURES_MAX − `FAULT`."""
 
 FAULT = 1000
 BURST = 4  # beats of the device's bursts
 
 DEPTH = 64
 POINTS = 50  # cycles of the device's first half
-PAGES = 9  # list pages that the device says it needs
+PAGES = 9  # list pages that the device reports in NEEDED
 
 
 class Copier(wiring.Component):
-    """Copies the bytes at MODEL to the image: what the host sees of it is a machine's."""
+    """Copies the bytes at MODEL to the image; to the host it looks like a machine."""
 
     NAMES = ("MODEL", "PIXELS", "STRIDE", "HEIGHT", "LISTS_PAGES", "FEATURES_MAX")
 
@@ -47,18 +47,18 @@ class Copier(wiring.Component):
     def _lite(self, m: Module):
         places = addresses(TINY)
         address, data = Signal(LITE_ADDRESS_BITS), Signal(LITE_DATA_BITS)
-        here, there, b, r = Signal(), Signal(), self.s_axi.bvalid, self.s_axi.rvalid
-        m.d.comb += [self.s_axi.awready.eq(~here), self.s_axi.wready.eq(~there)]
+        addressed, written, b, r = Signal(), Signal(), self.s_axi.bvalid, self.s_axi.rvalid
+        m.d.comb += [self.s_axi.awready.eq(~addressed), self.s_axi.wready.eq(~written)]
         m.d.comb += [self.s_axi.arready.eq(~r | self.s_axi.rready), self.start.eq(0)]
-        with m.If(self.s_axi.awvalid & ~here):
-            m.d.sync += [address.eq(self.s_axi.awaddr), here.eq(1)]
-        with m.If(self.s_axi.wvalid & ~there):
-            m.d.sync += [data.eq(self.s_axi.wdata), there.eq(1)]
+        with m.If(self.s_axi.awvalid & ~addressed):
+            m.d.sync += [address.eq(self.s_axi.awaddr), addressed.eq(1)]
+        with m.If(self.s_axi.wvalid & ~written):
+            m.d.sync += [data.eq(self.s_axi.wdata), written.eq(1)]
         with m.If(b & self.s_axi.bready):
             m.d.sync += b.eq(0)
         m.d.sync += self.interrupts.eq(self.interrupts | self.events)
-        with m.If(here & there & ~b):
-            m.d.sync += [here.eq(0), there.eq(0), b.eq(1)]
+        with m.If(addressed & written & ~b):
+            m.d.sync += [addressed.eq(0), written.eq(0), b.eq(1)]
             with m.Switch(address):
                 for name, signal in self.registers.items():
                     with m.Case(places[name]):

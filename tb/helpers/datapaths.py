@@ -1,7 +1,7 @@
-"""Datapaths without handshakes against their golden models, many in one simulation.
+"""Compare datapaths without handshakes with their golden models, many in one simulation.
 
-Compiling takes most of the time: one build has all of them, and each takes the lowest bits of the
-same inputs.
+Compiling takes most of the time, so all are in one build; each uses the lowest bits of the same
+inputs.
 """
 
 from collections.abc import Callable
@@ -17,11 +17,12 @@ from splatcore.sim.rtl import vectors
 
 @dataclass(frozen=True, eq=False)
 class Datapath:
-    """A component that `enable` holds, and its golden model.
+    """A component with `enable`, and its golden model.
 
-    golden: function of the codes [N] of the inputs that are named `given`; it returns those of the
-    output, or a tuple if `read` names several. where: function of the same codes, the items that
-    are compared (None: all).
+    given: names of the inputs
+    golden: function of the inputs' codes [N]; returns the output's codes, or a tuple for several
+    read: names of the outputs
+    where: function of the inputs' codes; returns which items are compared (None: all)
     """
 
     component: wiring.Component
@@ -32,7 +33,7 @@ class Datapath:
     where: Callable | None = None
 
     def codes(self, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
-        """The bits of the inputs that reach the component."""
+        """The inputs' codes, cut to the widths of the component's ports."""
         widths = [len(getattr(self.component, name)) for name in self.given]
         return [
             inputs[name].astype(np.int64) & (1 << width) - 1
@@ -41,7 +42,7 @@ class Datapath:
 
 
 class Together(wiring.Component):
-    """Datapaths side by side; the outputs carry the datapath's number."""
+    """Datapaths side by side; outputs are named with the datapath's number."""
 
     def __init__(self, datapaths: list[Datapath]):
         self.datapaths = datapaths
@@ -69,7 +70,7 @@ class Together(wiring.Component):
 def check(
     datapaths: list[Datapath], inputs: dict[str, np.ndarray], enable: np.ndarray | int = 1
 ) -> None:
-    """Compare every bit. Inputs [N] go in one a cycle; without `enable` they leave no trace."""
+    """Compare every bit. One input of [N] is applied per cycle, ignored without `enable`."""
     count = len(next(iter(inputs.values())))
     enable = np.broadcast_to(enable, count).astype(np.int64)
     together = Together(datapaths)
@@ -80,7 +81,7 @@ def check(
     samples = vectors.run(together, driven)
     moves, moved = np.flatnonzero(enable), np.cumsum(enable) - enable
     for number, datapath in enumerate(datapaths):
-        # Sample n shows what has moved before cycle n, and without registers cycle n itself.
+        # Sample n depends on moves before cycle n, and without registers on cycle n itself.
         known = np.flatnonzero(moved >= datapath.latency)
         source = moves[moved[known] - datapath.latency] if datapath.latency else known
         codes = datapath.codes(inputs)
@@ -100,8 +101,11 @@ def check(
 def with_pauses(
     inputs: dict[str, np.ndarray], rng: np.random.Generator, extra: int
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Inputs [N] in that order with noise in between, and where they are: a fifth of the cycles
-    pass without `enable`; at the end so many more that all come out."""
+    """Insert cycles without `enable`, with noise as inputs, into inputs [N].
+
+    extra: cycles with `enable` at the end, for the last outputs
+    Returns the inputs and `enable`, low in a fifth of the cycles.
+    """
     count = len(next(iter(inputs.values())))
     enable = rng.random(5 * count // 4) < 0.8
     enable = np.append(enable, np.ones(max(0, count - enable.sum()) + extra, bool))

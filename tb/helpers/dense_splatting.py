@@ -1,7 +1,7 @@
-"""3D Gaussian Splatting written a third time: every Gaussian at every pixel, gradients by torch.
+"""3D Gaussian Splatting in its simplest form: every Gaussian at every pixel, gradients by torch.
 
-No tiles, boxes, lists, kernels or gradients of ours: the formulas of Kerbl et al. 2023 with the
-constants of their CUDA rasterizer, in float64. Slow, and what the fast renderers are held against.
+A slow oracle for the fast renderers, without tiles, boxes, lists, kernels or our own gradients: the
+formulas of Kerbl et al. 2023 with the constants of their CUDA rasterizer, in float64.
 """
 
 from dataclasses import dataclass
@@ -24,24 +24,24 @@ PARAMETERS = ("position", "factor", "opacity", "sh", "shift")
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """A picture of the dense renderer, and how near it was to deciding otherwise."""
+    """A picture of the dense renderer, and its distance from the thresholds."""
 
     image: torch.Tensor  # [H, W, 3]
     transmittance: torch.Tensor  # [H, W]
     weight: torch.Tensor  # [N] Σ alpha·T over the pixels
-    clamped: dict[str, int]  # how often what was clamped, skipped or ended
-    margin: float  # smallest relative distance of a value from the threshold that it is held to
+    clamped: dict[str, int]  # number of values clamped, skipped or ended, by kind
+    margin: float  # smallest relative distance of a value from its threshold
 
 
 class Decisions:
-    """Comparisons with thresholds: their outcomes are counted, and how close they were."""
+    """Comparisons with thresholds; counts their outcomes and keeps the smallest distance."""
 
     def __init__(self):
         self.counts: dict[str, int] = {}
         self.margin = float("inf")
 
     def below(self, name: str, value: torch.Tensor, threshold: float, where=True) -> torch.Tensor:
-        """value < threshold; counted only `where` it matters."""
+        """value < threshold. where: mask of the values that count."""
         with torch.no_grad():
             below = value < threshold
             matters = torch.as_tensor(where).expand(value.shape)
@@ -94,21 +94,24 @@ def dense_render(
 
 
 def centre(point, camera, convention):
-    """Pixel coordinates of a point [3] in the camera's own coordinates."""
+    """Pixel coordinates of a point [3] in camera space."""
     away = convention.principal_point_shift + convention.pixel_centre
     u = camera.fx * point[0] / point[2] + camera.cx - away
     return u, camera.fy * point[1] / point[2] + camera.cy - away
 
 
 def compensation(half, convention) -> torch.Tensor:
-    """√(det Σ / det(Σ + blur)) of Σ = half·halfᵀ by its eigenvalues, squares of the singular values
-    of `half` [2, 3]: no determinant, and no difference."""
+    """√(det Σ / det(Σ + blur)) of Σ = half·halfᵀ, for half [2, 3].
+
+    Computed from the eigenvalues of Σ (squares of the singular values of `half`), so that no
+    digits cancel.
+    """
     axes = torch.linalg.svdvals(half)
     return (axes / (axes**2 + convention.covariance_blur).sqrt()).prod()
 
 
 def on_screen(point, factor, camera, convention, decisions) -> torch.Tensor:
-    """J·R·factor [2, 3], pixels: times its transpose it is the splat's covariance."""
+    """J·R·factor [2, 3] in pixels, a factor of the splat's covariance."""
     rows = []
     for axis, focal in ((0, camera.fx), (1, camera.fy)):
         side = (camera.width, camera.height)[axis]

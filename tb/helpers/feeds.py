@@ -1,4 +1,4 @@
-"""Cases of a stage's cocotb testbench, frame by frame, and their run in a simulator."""
+"""Cases of a stage's cocotb testbench, one per frame, and their run in a simulator."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -12,17 +12,18 @@ from splatcore.sim.rtl.cocotb_runner import run_testbench
 from tb.helpers.runs import Rows
 
 KINDS = ("empty", "full", "tie", "saturated")
-"""Cases that each stage has: nothing to do; as much as fits, or more; numbers that are equal, or at
-the bound that they are compared with; numbers at the ends of their formats."""
+"""Cases of each stage: no input; as much as fits, or more; equal numbers, or numbers at the bound
+that they are compared with; numbers at the ends of their formats."""
 
 
 @dataclass(frozen=True, eq=False)
 class Feed:
-    """What goes in to a stage in a frame, and what must come out.
+    """Inputs and expected outputs of a stage for one frame.
 
-    inputs, expected: rows by stream. constants: values of its other inputs. care: of an out stream
-    whose rows do not matter in all bits, those that do, as rows of ones. first: in streams that are
-    through before the others begin.
+    inputs, expected: rows by stream
+    constants: values of its other inputs
+    care: for output streams with bits that do not matter, rows of ones where bits matter
+    first: input streams that are sent before the others begin
     """
 
     inputs: Rows
@@ -32,7 +33,7 @@ class Feed:
     first: Sequence[str] = ()
 
     def numbers(self) -> dict:
-        """The same for JSON, with payloads as integers."""
+        """Convert to JSON values, with payloads as integers."""
         return {
             "inputs": _numbers(self.inputs),
             "expected": _numbers(self.expected),
@@ -57,19 +58,18 @@ def run_cases(
     simulator: str = "verilator",
     few: bool = False,
 ) -> None:
-    """Run all cases in a simulator, and print a line for each run about what was compared.
+    """Run all cases in a simulator, and print one line per run.
 
-    few: both sides of all streams are in bursts, and there is one reset, for a slow simulator.
-
-    cases: feeds, or what the testbench of stages on memory takes.
+    cases: feeds, or the cases for the testbench of stages on memory
+    few: one stall pattern and one reset only, for a slow simulator
     """
     streams = {name: case.numbers() for name, case in cases.items() if isinstance(case, Feed)}
     (folder / "cases.json").write_text(json.dumps(streams or cases))
-    told = folder / "told"
-    told.touch()
+    summary = folder / "summary"
+    summary.touch()
     module = f"tb.testbenches.{'stage' if streams else 'memory'}"
     try:
         run_testbench(component, module, simulator=simulator, folder=str(folder), few=few)
     finally:
-        for line in told.read_text().splitlines():
+        for line in summary.read_text().splitlines():
             print(f"{stage} under {simulator}: {line}")

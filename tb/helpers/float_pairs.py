@@ -1,7 +1,7 @@
-"""Pairs of float codes, weighted to where arithmetic goes wrong, for golden model and hardware.
+"""Pairs of float codes that are likely to reveal faults of arithmetic.
 
-Everything is put together from fields, so a format's codes that `encode` never gives (other NaN,
-the sign alone, fractions below the smallest normal value) are among them.
+Codes are assembled from fields, so they include codes that `encode` never returns (other NaNs, -0,
+fractions below the smallest normal value).
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from splatcore.spec.number import Float, code_dtype
 
 
 def corners(format: Float) -> np.ndarray:
-    """Codes around every end of every range, with and without sign."""
+    """Codes around the ends of all ranges, with and without sign."""
     normal, end = 1 << format.fraction, 1 << (format.exponent + format.fraction)
     infinity, one = end - normal, format.bias << format.fraction
     near = np.arange(-2, 3)
@@ -21,7 +21,7 @@ def corners(format: Float) -> np.ndarray:
 
 
 def fractions(format: Float, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Fractions of all sorts: random ones, ends of zeros and of ones, single bits."""
+    """Fractions of all kinds: random, ending in zeros or ones, single bits."""
     whole = (1 << format.fraction) - 1
     random = rng.integers(0, whole + 1, count)
     low = (1 << rng.integers(0, format.fraction + 1, count)) - 1
@@ -31,14 +31,14 @@ def fractions(format: Float, rng: np.random.Generator, count: int) -> np.ndarray
 
 
 def join(format: Float, rng: np.random.Generator, exponents, fractions) -> np.ndarray:
-    """Codes of random sign; exponents beyond the format's end at its end."""
+    """Codes with random signs; exponents are clipped to the format."""
     exponents = np.clip(exponents, 0, (1 << format.exponent) - 1)
     signs = rng.integers(0, 1 + format.signed, len(fractions))
     return ((signs << format.exponent | exponents) << format.fraction) + fractions
 
 
 def ties(format: Float, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fractions of factors whose product ends in a one next to the fraction, and then zeros."""
+    """Fractions of factors whose product is a tie: 1 in the first bit to round off, then zeros."""
     whole = (1 << format.fraction) - 1
     zeros_a = rng.integers(0, format.fraction + 1, count)
     zeros_b = np.clip(format.fraction + rng.integers(-1, 2, count) - zeros_a, 0, format.fraction)
@@ -47,12 +47,12 @@ def ties(format: Float, rng: np.random.Generator, count: int) -> tuple[np.ndarra
 
 
 def pairs(format: Float, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Codes a and b, `count` or a few more each."""
+    """Codes a and b, at least `count` of each."""
     part = -(-count // 8)
     fraction, top = format.fraction, 1 << format.exponent
 
     def both(exponent_a, exponent_b, fraction_a=None, fraction_b=None):
-        """A pair of codes of these exponents; fractions of all sorts unless given."""
+        """Pairs of codes with these exponents; fractions of all kinds by default."""
         fraction_a = fractions(format, rng, part) if fraction_a is None else fraction_a
         fraction_b = fractions(format, rng, part) if fraction_b is None else fraction_b
         codes = (
@@ -68,7 +68,7 @@ def pairs(format: Float, rng: np.random.Generator, count: int) -> tuple[np.ndarr
     close = (cancelled ^ (format.signed << (format.width - 1))) + step
     parts = [
         both(any_a, any_b),
-        # Sums: every distance that matters; differences that lose many bits.
+        # Sums: every distance with an effect; differences that lose many bits.
         both(any_a, any_a - rng.integers(0, fraction + 5, part)),
         (cancelled, np.clip(close, 0, (1 << format.width) - 1)),
         # Products: ties; around the smallest and the largest value.

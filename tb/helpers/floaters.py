@@ -8,7 +8,7 @@ from splatcore.spec.scene import Scene
 
 
 def ball(count: int = 700, seed: int = 0) -> Scene:
-    """Small opaque Gaussians within 1 of the origin: positions count."""
+    """Small opaque Gaussians within 1 of the origin, so that their positions matter."""
     rng = np.random.default_rng(seed)
     way = rng.normal(size=(count, 3))
     way *= (rng.uniform(0, 1, count) ** (1 / 3) / np.linalg.norm(way, axis=1))[:, None]
@@ -22,7 +22,7 @@ def ball(count: int = 700, seed: int = 0) -> Scene:
 
 
 def strewn(scene: Scene, count: int, distance: float, axes: int = 3, seed: int = 1) -> Scene:
-    """`count` Gaussians moved to about a distance, along one axis or three."""
+    """Move `count` Gaussians away to about `distance`, along one axis or three."""
     rng, position = np.random.default_rng(seed), scene.position.copy()
     rows = rng.choice(len(scene), count, replace=False)
     way = rng.normal(size=(count, axes))
@@ -35,7 +35,7 @@ EXTREME = (3.4e38, 1e30, 1e20, 1e10, 1e-10, 1e-38, 1e-45, 0.0)
 
 
 def with_extremes(scene: Scene, name: str, value: float, count: int) -> Scene:
-    """The scene with one field of `count` Gaussians extreme, of either sign where it may be."""
+    """Make one field of `count` Gaussians extreme, with either sign if allowed."""
     array, rng = getattr(scene, name).copy(), np.random.default_rng(7)
     rows = rng.choice(len(scene), count, replace=False)
     signs = rng.choice([-1, 1], array[rows].shape) if name not in ("scale", "opacity") else 1

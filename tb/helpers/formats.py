@@ -28,7 +28,7 @@ FORMATS = st.recursive(
 
 
 def random_codes(format, shape: tuple[int, ...], rng: np.random.Generator):
-    """Codes of a format in the shape that `Record.pack` wants, the extreme ones often."""
+    """Random codes of a format in the shape for `Record.pack`, often extreme ones."""
     if isinstance(format, Record):
         return {field: random_codes(inner, shape, rng) for field, inner in format.fields}
     if isinstance(format, Array):

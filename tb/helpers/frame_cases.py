@@ -1,4 +1,4 @@
-"""Frames for the stages that work on memory: what is in it before, and what must be afterwards."""
+"""Frames for stages on memory: its contents before, and the expected contents afterwards."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -24,15 +24,15 @@ from splatcore.spec.sort import half_entries
 from splatcore.spec.work import FEATURE, SLOT, aligned, table_record
 
 MOVED = ("MODEL", "GROUPS", "LISTS", "FEATURES", "SCRATCH", "PIXELS")
-"""Registers with addresses: in these memories they begin at 0."""
+"""Address registers; these memories begin at 0."""
 
 Bytes = list[tuple[int, bytes]]
-"""What is in memory, by address."""
+"""Contents of memory: address and bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameCase:
-    """A frame in memory. values: of its registers; golden: what the golden model makes of it."""
+    """A frame in memory. values: of its registers; golden: the golden model's frame."""
 
     job: Job
     values: dict[str, int]
@@ -44,7 +44,7 @@ class FrameCase:
         return [(self.values["MODEL"], self.job.model.image.tobytes())]
 
     def work_area(self) -> Bytes:
-        """What the first half leaves to the second."""
+        """Results of the first half."""
         binned, lists = self.golden.binned, self.golden.binned.lists
         table = {"page": lists.page.astype(np.uint64), "count": lists.count.astype(np.uint64)}
         table["reserved"] = np.zeros(len(lists.page), np.uint64)
@@ -85,7 +85,11 @@ class FrameCase:
         return {"job": bits(job_layout(TINY), job)}
 
     def numbers(self, ports: dict[str, int], before: Bytes, after: Bytes) -> dict:
-        """A case for `tb.testbenches.memory`. ports: that stay for the frame."""
+        """A case for `tb.testbenches.memory`.
+
+        ports: constant during the frame
+        before, after: contents of memory before, and expected contents after the frame
+        """
         return {
             "ports": ports,
             "registers": self.values,
@@ -96,13 +100,13 @@ class FrameCase:
 
 
 def bits(layout: data.Layout, values: dict) -> int:
-    """Values of a layout's fields as the value of a port."""
+    """Pack values of a layout's fields into the value of a port."""
     return Const.cast(layout.const(values)).value
 
 
 def jobs() -> dict[str, Job]:
-    """A frame of each kind: without a Gaussian; with lists that do not fit on chip; of equal
-    depths; of colours beyond 0 and 1 before the brightest background, all opaque or nearly."""
+    """A frame of each kind: no Gaussian; lists that do not fit on chip; equal depths; opaque or
+    nearly opaque colours beyond 0 and 1 on the brightest background."""
     camera, straight = generated_camera("garden", 61, 35), straight_camera()
     most = (1 << colours(TINY)["red"].width) - 1
     tied, bright = HARD["equal_depths"](0).scene[:60], HARD["saturated_colours"](0).scene[::5]
@@ -120,7 +124,7 @@ def jobs() -> dict[str, Job]:
 
 @cache
 def frame_cases() -> dict[str, FrameCase]:
-    """The frames, each with its own model and image, one work area for all."""
+    """The frames, each with its own model and image; they share one work area."""
     given, found = jobs(), {}
     models = [job.model for job in given.values()]
     areas = place_areas(

@@ -1,4 +1,4 @@
-"""Real spherical harmonics from scipy's Legendre functions: an oracle for signs and for order."""
+"""Real spherical harmonics from scipy's Legendre functions: an oracle for signs and order."""
 
 import math
 
@@ -9,7 +9,7 @@ from scipy.special import lpmv
 def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
     """Basis functions [D, (degree+1)²] of directions [D, 3], in the order and signs of 3DGS.
 
-    Those signs are the Condon-Shortley phase: degree 1 is −y, z, −x, as `lpmv` has it.
+    The signs are those of the Condon-Shortley phase, as in `lpmv`: degree 1 is −y, z, −x.
     """
     x, y, z = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).T
     azimuth, columns = np.arctan2(y, x), []

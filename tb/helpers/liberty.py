@@ -1,4 +1,4 @@
-"""A small library of cells for tests, with delays that a test can add up; and users' libraries."""
+"""A small cell library for tests, with delays that are easy to compute; the user's libraries."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,7 @@ GATES = {
     "INV": ("!A", 1.0, 2.0), "BUF": ("A", 1.0, 3.0), "NAND2": ("!(A*B)", 1.2, 3.0),
     "NOR2": ("!(A+B)", 1.4, 3.0), "AOI21": ("!((A*B)+C)", 1.6, 4.0), "XOR2": ("A^B", 2.0, 6.0),
 }  # fmt: skip
-"""Function, how much harder an input is to drive than an inverter's, um² of the smallest size."""
+"""Function, logical effort of an input (inverter: 1), um² of the smallest size."""
 
 INPUT = 0.002  # pF of an inverter's input of size 1
 AREA_FF = 16.0
@@ -22,29 +22,29 @@ DATA, SETUP = 0.003, 0.05  # pF, ns
 LAUNCH = 0.15  # ns of a flip-flop without load
 VOLTS = 0.9
 CLOCK = 0.001  # pF of a flip-flop's clock
-RISE, FALL = 0.002, 0.004  # pJ of a flip-flop's clock, whose value stays
-LEAKAGE = 3.0  # nW of an um²
+RISE, FALL = 0.002, 0.004  # pJ of a flip-flop's clock while its value stays
+LEAKAGE = 3.0  # nW per um²
 
 SLEWS, LOADS = (0.01, 0.1, 1.0), (0.001, 0.01, 0.1)
 
 
 def delay(slew: float, load: float, effort: float = 1.0, size: float = 1.0, first: float = 0.02):
-    """ns of a rising or falling output."""
+    """Delay of an output in ns."""
     return first * effort + 0.1 * slew + 5.0 * load / size
 
 
 def transition(load: float, size: float = 1.0) -> float:
-    """ns of an output's slew."""
+    """Slew of an output in ns."""
     return 0.01 + 4.0 * load / size
 
 
 def inside(slew: float, load: float, effort: float = 1.0) -> float:
-    """pJ that a changing output takes inside of its cell."""
+    """Internal energy of a changing output in pJ."""
     return 0.001 * effort + 0.002 * slew + 0.003 * load
 
 
 class Writer:
-    """Writes the library's text. scale: of times, by their unit. swapped: tables by load first."""
+    """Writes the library. scale: time units per ns; swapped: loads are the rows of tables."""
 
     def __init__(self, scale: float, swapped: bool):
         self.scale, self.swapped = scale, swapped
@@ -59,7 +59,7 @@ class Writer:
         return f"        {kind} ({template}) {{ values ({text}); }}\n"
 
     def timing(self, begin: str, kind: str, sense: str, value, steep) -> str:
-        """Delays and slews from a pin, both edges alike."""
+        """Delays and slews from a pin, equal for both edges."""
         text = f'      timing () {{\n        related_pin : "{begin}";\n'
         text += f"        timing_type : {kind};\n        timing_sense : {sense};\n"
         for edge in ("rise", "fall"):
@@ -67,9 +67,9 @@ class Writer:
         return text + "      }\n"
 
     def inside(self, begin: str, effort: float = 1.0) -> str:
-        """Energies of an output that a pin changes, both edges alike."""
+        """Energies of an output changed by a pin, equal for both edges."""
         text = f'      internal_power () {{\n        related_pin : "{begin}";\n'
-        for edge in ("rise", "fall"):  # no unit of time is in them
+        for edge in ("rise", "fall"):  # not scaled by the unit of time
             text += self.table(f"{edge}_power", lambda *at: inside(*at, effort) / self.scale)
         return text + "      }\n"
 
@@ -147,8 +147,12 @@ class Writer:
 
 
 def small_library(time: str = "1ns", swapped: bool = False, leave_out: tuple[str, ...] = ()) -> str:
-    """Text of the library. time: its unit, 1ns or 1ps. swapped: its tables by load and slew.
-    leave_out: beginnings of names of cells that it lacks."""
+    """Text of the library.
+
+    time: its unit, 1ns or 1ps
+    swapped: whether its tables are by load and slew
+    leave_out: prefixes of the names of cells to leave out
+    """
     writer = Writer({"1ns": 1.0, "1ps": 1000.0}[time], swapped)
     cells = [writer.gate(name, size) for name in GATES for size in SIZES]
     text = "".join([writer.head(time), *cells, writer.flip_flop(), "}\n"])
@@ -156,7 +160,7 @@ def small_library(time: str = "1ns", swapped: bool = False, leave_out: tuple[str
 
 
 def without_cells(text: str, names: tuple[str, ...]) -> str:
-    """A library's text without cells whose names begin like one of these."""
+    """Remove cells whose names begin with one of `names` from a library's text."""
     head, *cells = text.removesuffix("}\n").split("  cell (")
     return (
         head
@@ -166,7 +170,7 @@ def without_cells(text: str, names: tuple[str, ...]) -> str:
 
 
 def liberty_files() -> list[Path]:
-    """Libraries of the folder that `VARIABLE` names."""
+    """Libraries in the folder named by `VARIABLE`."""
     folder = os.environ.get(VARIABLE)
     return sorted(path for path in Path(folder).iterdir() if ".lib" in path.name) if folder else []
 

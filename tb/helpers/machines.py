@@ -1,4 +1,4 @@
-"""Compiled machines and frames for the tests of the whole; compiled once for all of them."""
+"""Models, cameras and a check of frames for tests of the whole machine."""
 
 from dataclasses import replace
 from functools import cache
@@ -33,8 +33,8 @@ def view(width: int = 64, height: int = 48, step: float = 0.0) -> Camera:
 
 
 def long_needles() -> hard_case.HardCase:
-    """Needles in all directions, up to thousands of pixels long, 1e5 times as long as thick; of
-    their covariances' determinants all digits cancel."""
+    """Needles in all directions, up to thousands of pixels long and 1e5 times as long as thick, so
+    that all digits of their covariances' determinants cancel."""
     pixels = np.geomspace(*LENGTHS, NEEDLES)[:, None]
     scale = pixels * hard_case.DEPTH / hard_case.FOCAL * [1, THIN, THIN]
     scene = replace(hard_case.spread(np.random.default_rng(0), NEEDLES), scale=scale)
@@ -43,13 +43,13 @@ def long_needles() -> hard_case.HardCase:
 
 
 def check(config: Config, run: Run, *jobs: Job):
-    """All frames of a run are the golden model's, and so are their counters."""
+    """Compare all frames of a run, and their counters, with the golden model's."""
     assert run.done, run.why
     assert not run.report.outside, run.why
     for rendered, job in zip(run.frames, jobs, strict=True):
-        frame, told = render(config, *job), rendered.counters
+        frame, read = render(config, *job), rendered.counters
         assert np.array_equal(rendered.pixels, frame.pixels)
-        wanted = {name: n for name, n in counted(config, job.model, frame).items() if name in told}
-        assert {name: told[name] for name in wanted} == wanted
+        wanted = {name: n for name, n in counted(config, job.model, frame).items() if name in read}
+        assert {name: read[name] for name in wanted} == wanted
         least, most = attribute_beats(config, job.model, frame)
-        assert least <= told.get("preprocessing_read_attributes", most) <= most
+        assert least <= read.get("preprocessing_read_attributes", most) <= most

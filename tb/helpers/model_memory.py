@@ -1,4 +1,4 @@
-"""The model's reader on a memory of any content: what it asks for and gives, every bit."""
+"""The model reader on a memory with any content: its requests and outputs, bit by bit."""
 
 from dataclasses import dataclass
 
@@ -26,11 +26,11 @@ WORDS_MAX = 1024
 
 
 class Reading(wiring.Component):
-    """`ModelReader` that runs once it has loaded; chunks and Gaussians are asked for no sooner.
+    """`ModelReader` that runs when it has loaded; requests for chunks and Gaussians wait for that.
 
-    Members: those of the reader, but that `model` is `base`, `reads` are `bursts` and `data` beats
-    alone, which come no sooner than they were asked for. It always takes them: it asks for no more
-    than there is room for (but attributes, whose consumer has the room).
+    Members: those of the reader, except that `base` replaces `model`, `bursts` replaces `reads`,
+    and `beats` replaces `data` and never comes before its request. Position beats must always be
+    accepted, as the reader requests no more than it has room for.
     """
 
     def __init__(self, config: Config):
@@ -48,7 +48,7 @@ class Reading(wiring.Component):
         m = Module()
         m.submodules.reader = reader = self.reader
         forward(m, self, reader, self.same)
-        words = Queue(reader.write.payload.shape(), WORDS_MAX, memory=True)  # nothing waits there
+        words = Queue(reader.write.payload.shape(), WORDS_MAX, memory=True)  # never full
         m.submodules.words = words
         connect(m, reader.write, words.i)
         connect(m, words.o, flipped(self.write))
@@ -80,7 +80,7 @@ class Reading(wiring.Component):
 
 @dataclass(frozen=True)
 class Image:
-    """Memory in which a model's bytes lie at beat `base`; around them lies noise."""
+    """Memory with a model's bytes at beat `base`, and noise around them."""
 
     data: np.ndarray
     base: int
@@ -106,7 +106,7 @@ def places(ranges: Ranges) -> np.ndarray:
 
 
 def divided(ranges: Ranges, unit: int) -> Ranges:
-    """The ranges cut at multiples of `unit` beats."""
+    """Cut ranges at multiples of `unit` beats."""
     found = []
     for first, count in ranges:
         while count:
@@ -117,7 +117,7 @@ def divided(ranges: Ranges, unit: int) -> Ranges:
 
 
 def model_ranges(config: Config, image: Image) -> dict[str, Ranges]:
-    """What the first reader reads of a model that fits: header, codebooks, chunk headers."""
+    """Beats of a valid model that the first reader reads: header, codebooks, chunk headers."""
     header, unit = image.header, memory.ALIGNMENT // axi.BEAT
     chunks = memory.chunk_count(int(header["count"]))
     found = {"header": [(image.base, memory.HEADER.size // axi.BEAT)], "codebooks": []}
@@ -140,7 +140,7 @@ def fetch_ranges(config: Config, image: Image, chunks: Ranges) -> Ranges:
 
 
 def of_port(config: Config, ranges: Ranges) -> Ranges:
-    """The port's beats in which ranges lie that begin with one."""
+    """Port beats of ranges that begin at a port beat."""
     wide = axi.port_beats(config)
     assert all(first % wide == 0 for first, _ in ranges)
     return [(first // wide, -(-count // wide)) for first, count in ranges]
@@ -176,11 +176,12 @@ def check_reading(
     wanted: Ranges = (),
     **options,
 ) -> Result:
-    """Load a model and read it: exactly what is wanted, once, in bursts that AXI allows.
+    """Load a model and read it: exactly the requested beats, once each, in valid AXI bursts.
 
-    fits: the machine renders it; else it is left after its header. fetch: chunks, numbers and
-    counts of Gaussians; wanted: attributes, first beats and counts (none for ports with larger
-    beats, which two of them may share: `tb.hdl.test_words`).
+    fits: whether the machine can render it; else only the header is read
+    fetch: numbers of chunks and counts of Gaussians
+    wanted: first beats and counts of attributes (none for ports with larger beats, which two
+        requests may share: `tb.hdl.test_words`)
     """
     wide = axi.port_beats(config)
     parts = model_ranges(config, image) if fits else {}

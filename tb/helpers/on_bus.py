@@ -1,4 +1,4 @@
-"""A half of the machine with the AXI master of its own."""
+"""A half of the machine with its own AXI master."""
 
 from amaranth.hdl import Cat, Module
 from amaranth.lib import wiring
@@ -15,9 +15,9 @@ INSIDE = ("reads", "data", "writes", "settled", "patient")
 
 
 class OnBus(wiring.Component):
-    """A half at the memory port; the other half's readers and writers have nothing to do.
+    """A half with the memory port; the other half's readers and writers are idle.
 
-    Members: those of the half but for `INSIDE`; m_axi: memory.
+    Members: those of the half except `INSIDE`; m_axi: memory
     """
 
     def __init__(self, config: Config, half: int, part: wiring.Component):

@@ -1,4 +1,4 @@
-"""A browser's page without a browser: what `sim.view.page` uses of viser's client."""
+"""A fake of viser's client for `sim.view.page`: a page without a browser."""
 
 from contextlib import nullcontext
 
@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 
 class Widget:
-    """A part of the page: its attributes are what it was made of."""
+    """An element of the page; its attributes are those that it was created with."""
 
     def __init__(self, **attributes):
         self.actions = []
@@ -19,14 +19,14 @@ class Widget:
     on_click = on_update
 
     def change(self, value=None):
-        """As if somebody chose or clicked."""
+        """Simulate a user's choice or click."""
         self.value = value
         for action in self.actions:
             action(None)
 
 
 class PageCamera:
-    """The page's camera: where it is and looks, as viser has it."""
+    """The page's camera, with viser's attributes."""
 
     def __init__(self, width: int, height: int):
         self.image_width, self.image_height, self.fov = width, height, 1.0
@@ -45,21 +45,26 @@ class PageCamera:
     def on_update(self, action):
         self.actions.append(action)
 
-    def told(self):
-        """As if the browser told where it is."""
+    def report(self):
+        """Simulate the browser's report of the camera's position."""
         for action in self.actions:
             action(self)
 
     def step(self, way: np.ndarray):
-        """As if somebody moved the camera."""
+        """Simulate a user who moves the camera."""
         self.position = self.position + way
         self.look_at = self.look_at + way
-        self.told()
+        self.report()
 
 
 class PageClient:
-    """A page of a size. background: the picture; splats: the browser's own; widgets by label; files
-    that were sent."""
+    """A page of `width` x `height` pixels.
+
+    background: the picture
+    widgets: by label
+    files: that were sent, by name
+    splats: drawn by the browser
+    """
 
     def __init__(self, width: int, height: int):
         self.camera, self.scene, self.gui = PageCamera(width, height), self, self

@@ -12,7 +12,10 @@ from tb.planted.fault import planted
 
 
 def forward(m: Module, outer: object, inner: wiring.Component, names: Iterable[str] = ()):
-    """Join members of a component or interface with an inner one's; all of these unless named."""
+    """Connect members of a component or interface with those of an inner component.
+
+    names: of the members; default: all of the inner component's
+    """
     members = inner.signature.members
     signature = wiring.Signature({name: members[name] for name in names or members})
     flat = zip(signature.flatten(outer), signature.flatten(inner), strict=True)
@@ -21,9 +24,11 @@ def forward(m: Module, outer: object, inner: wiring.Component, names: Iterable[s
 
 
 class Piped(wiring.Component):
-    """A datapath that only delays, behind the handshake of a `Pipe`, as a stage would be built.
+    """A datapath of registers with the handshake of a `Pipe`, built like a stage.
 
-    Members: streams `i` and `o` of `shape`; `pipe` and `data`, item by stage, for proofs.
+    Members: streams `i` and `o` of `shape`
+
+    Attributes: `pipe` and `data`, the item in each stage, for proofs
     """
 
     def __init__(self, shape: ShapeLike, latency: int):
@@ -48,9 +53,9 @@ class Piped(wiring.Component):
 
 
 class Handshake(wiring.Component):
-    """A component that is a pipeline of ports `i`, `enable` and `o`, behind a handshake.
+    """A handshake for a component that is a pipeline with ports `i`, `enable` and `o`.
 
-    Members: streams `i` and `o` of what its ports are.
+    Members: streams `i` and `o` with the shapes of its ports
     """
 
     def __init__(self, inner: wiring.Component):
@@ -74,10 +79,10 @@ class Handshake(wiring.Component):
         return m
 
 
-class Beside(wiring.Component):
-    """Components side by side, nothing joined, so that one build serves them all.
+class SideBySide(wiring.Component):
+    """Several unconnected components in one build.
 
-    Members: each component under its name, so a port `i` of component `x` is `x__i` in Verilog.
+    Members: each component under its name, so a port `i` of component `x` is `x__i` in Verilog
     """
 
     def __init__(self, components: dict[str, wiring.Component]):
@@ -93,9 +98,11 @@ class Beside(wiring.Component):
 
 
 class Variants(wiring.Component):
-    """A component and one more for each planted fault, compiled at once; fault: which is used.
+    """A component and one variant per planted fault in one build.
 
-    faults: part (a class), its method, and what of the method's text is replaced by what.
+    faults: class of a part, name of its method, text to replace in the method, new text
+
+    Members: those of the component; fault: number of the variant to use, 0 for none
     """
 
     def __init__(self, make: Callable[[], wiring.Component], faults: Iterable[tuple]):

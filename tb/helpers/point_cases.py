@@ -25,23 +25,23 @@ from tb.helpers.stage_cases import STREAMS, Case, case
 WIDTH, HEIGHT = 64, 48
 GARDEN = generated_camera("garden", WIDTH, HEIGHT)
 AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 6])
-"""A camera with a part of the garden behind it, and a part beside what it sees."""
+"""A camera with a part of the garden behind it, and a part outside of its view."""
 BEYOND = replace(GARDEN, translation=GARDEN.translation - [0, 0, 1000])
-"""All of the garden is behind it."""
+"""A camera with all of the garden behind it."""
 
 HUGE = 1e19
-"""Of a scene that is so many times as large depths are beyond the arithmetic's largest number."""
+"""Factor that scales a scene's depths beyond the arithmetic's largest number."""
 
-STEP = 2.0**-20  # scene units from one to the next on the near plane
-FEW = 33  # Gaussians of frames at an end of something
+STEP = 2.0**-20  # distance in scene units of Gaussians around the near plane
+FEW = 33  # Gaussians of frames at a bound
 
 
 @cache
 def frame(kind: str, count: int) -> PointRows:
-    """A frame of about `count` Gaussians with harmonics of all layouts, or of a few.
+    """A frame of about `count` Gaussians with harmonics of all layouts, or a frame of a few.
 
-    kind: of `tb.helpers.feeds.KINDS`; empty: a chunk is read, and all its points are left out; or
-    behind: no chunk is.
+    kind: one of `tb.helpers.feeds.KINDS`; with "empty" a chunk is read and all its points are
+        culled; or "behind": no chunk is read
     """
     rng, scene = np.random.default_rng(3), generate("garden", count)
     sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(len(scene), 15, 3))], axis=1)
@@ -59,8 +59,10 @@ def frame(kind: str, count: int) -> PointRows:
 
 
 def on_the_near_plane(scene: Scene, beyond: int) -> Scene:
-    """Some Gaussians on the optical axis of the straight camera, around the near plane; beyond: of
-    how many steps the last one is beyond it."""
+    """Gaussians on the optical axis of the straight camera, around the near plane.
+
+    beyond: steps from the near plane to the last one
+    """
     steps = np.arange(FEW) - FEW + 1 + beyond
     near = float(TINY.arithmetic.round(NEAR_PLANE))
     place = np.stack([0 * steps, 0 * steps, near + steps * STEP], axis=1)
@@ -68,12 +70,12 @@ def on_the_near_plane(scene: Scene, beyond: int) -> Scene:
 
 
 def feed(stage: str, kind: str, count: int) -> Feed:
-    """A stage's part of such a frame."""
+    """A stage's part of a frame, as a feed."""
     return feed_of(stage, case(stage, frame(kind, count)))
 
 
 def feed_of(stage: str, given: Case) -> Feed:
-    """A case of the C++ harness for cocotb."""
+    """Convert a case of the C++ harness to a feed for cocotb."""
     care = {
         port: care_of({"culled": "z", "placed": "x y z"}[name], given.expected[port])
         for port, name in STREAMS[stage][1].items()
@@ -83,7 +85,7 @@ def feed_of(stage: str, given: Case) -> Feed:
 
 
 def care_of(coordinates: str, rows: np.ndarray) -> np.ndarray:
-    """Ones where rows of points matter: of those that are not kept the numbers do not."""
+    """Ones where bits of rows of points matter: not in numbers of points that are not kept."""
     record = point_record(TINY, coordinates)
     kept, found = record.unpack(rows)["kept"], {}
     for name, format in record.fields:
@@ -93,7 +95,7 @@ def care_of(coordinates: str, rows: np.ndarray) -> np.ndarray:
 
 
 def at_the_bounds(count: int) -> Feed:
-    """Points about as far out as a bound lets them be, some exactly, each in a chunk of its own."""
+    """Points at the bounds of the guard band, some exactly, each in its own chunk."""
     rows = frame("full", count)
     points, constants = rows.points, rows.points.frame.constants
     here = np.isin(points.points, points.front)

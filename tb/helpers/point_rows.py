@@ -1,6 +1,6 @@
 """Rows of the streams of stages 0 and 1 for a model and a camera, from the golden model.
 
-Rows are packed records, uint8 [N, size], as `sim.rtl.streams` takes and gives them.
+Rows are packed records, uint8 [N, size], as in `sim.rtl.streams`.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ BEAT = ATTRIBUTE_BITS // 8  # bytes of a memory beat
 
 @dataclass(frozen=True, eq=False)
 class PointRows:
-    """Rows of every stream, by its name in `hdl.points.points`, and the registers."""
+    """Rows of every stream, by name in `hdl.points.points`, and the registers."""
 
     config: Config
     points: Points
@@ -31,7 +31,7 @@ class PointRows:
 
 
 def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
-    """Run the golden model: the rows of every stream."""
+    """Compute the rows of every stream by the golden model."""
     points = project_points(config, model, camera)
     kept = np.flatnonzero(points.read).astype(np.uint64)
     streams = {
@@ -50,32 +50,32 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
 
 
 def counts(model: PackedModel) -> np.ndarray:
-    """Gaussians of each chunk."""
+    """Number of Gaussians in each chunk."""
     starts = np.arange(chunk_count(len(model))) * CHUNK
     return np.minimum(len(model) - starts, CHUNK)
 
 
 def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> dict:
-    """Codes of the fields of a record that the golden model has values for."""
+    """Codes of those fields of a record that `source` has values for."""
     fields = [(name, format) for name, format in record.fields if name in source]
     return {name: format.encode(source[name][index]) for name, format in fields}
 
 
 def wanted_rows(model: PackedModel, index: np.ndarray) -> np.ndarray:
-    """Where the attributes of Gaussians lie."""
+    """Requests for the attributes of Gaussians."""
     codes = dict(zip(("beat", "count"), model.attribute_bursts(index), strict=True))
     return WANTED.pack({name: code.astype(np.uint64) for name, code in codes.items()})
 
 
 def attribute_rows(model: PackedModel, index: np.ndarray) -> np.ndarray:
-    """These beats, one after the other."""
+    """Attribute beats of Gaussians, one after the other."""
     first, count = model.attribute_bursts(index)
     own = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return model.attribute_beats(np.repeat(first, count) + own)
 
 
 def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray:
-    """The chunks that are kept."""
+    """Rows of the chunks that are kept."""
     record, kept = chunk_record(config), np.flatnonzero(points.read)
     headers = model.chunks
     first = kept * CHUNK if model.format.small else model.beats[kept * CHUNK]
@@ -91,7 +91,7 @@ def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray
 
 
 def position_rows(model: PackedModel, points: Points) -> np.ndarray:
-    """Beats of these chunks' positions; each chunk begins at a new one."""
+    """Position beats of the kept chunks; each chunk begins with a new beat."""
     width, stride = model.format.position_record.width, model.format.position_stride
     parts = [np.zeros((0, BEAT), np.uint8)]
     for number in np.flatnonzero(points.read):
@@ -114,8 +114,8 @@ def write_rows(config: Config, model: PackedModel) -> np.ndarray:
 
 
 def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
-    """Points after stage 0 ("culled") and after the guard band ("placed"): those that are kept,
-    and each chunk's last one in any case."""
+    """Points after stage 0 ("culled") and after the guard band ("placed"): all that are kept, and
+    the last point of each chunk."""
     index, fields = points.points, dict(points.culled)
     last = np.append(index[1:] // CHUNK != index[:-1] // CHUNK, True)[: len(index)]
     front, inside = np.isin(index, points.front), np.isin(index, points.inside)
@@ -136,7 +136,7 @@ def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
 
 
 def only_flags(config: Config, coordinates: str, rows: np.ndarray) -> np.ndarray:
-    """Rows of points with zeros for the numbers of those that are not kept: they do not matter."""
+    """Rows of points with zeros for the numbers of points that are not kept: do not care."""
     record = point_record(config, coordinates)
     codes = record.unpack(rows)
     for name in codes:
@@ -146,7 +146,7 @@ def only_flags(config: Config, coordinates: str, rows: np.ndarray) -> np.ndarray
 
 
 def splat_rows(config: Config, points: Points) -> np.ndarray:
-    """The splats."""
+    """Rows of the splats."""
     record, found = splat_record(config), dict(points.projected)
     for channel in ("red", "green", "blue"):
         found.setdefault(channel, found.get(f"colour_{channel}"))
@@ -154,13 +154,13 @@ def splat_rows(config: Config, points: Points) -> np.ndarray:
 
 
 def exponents(model: PackedModel) -> int:
-    """E of each degree, as the port takes it."""
+    """Exponents of all degrees as the value of a port."""
     codes = EXPONENT.encode(np.array(model.exponents, np.float64))
     return sum(int(code) << k * EXPONENT.width for k, code in enumerate(codes))
 
 
 def registers(config: Config, model: PackedModel, points: Points) -> dict:
-    """Values of the ports that stay for a frame: integers, signed ones as they are."""
+    """Values of the ports that are constant during a frame."""
     format, frame = config.arithmetic, points.frame
     camera = CAMERA.encode(frame.camera.astype(np.float64)).astype(np.uint64)
     return {

@@ -1,4 +1,4 @@
-"""Machines with memory ports of each width, and of addresses of each."""
+"""Machines with memory ports and addresses of each width."""
 
 from dataclasses import replace
 
@@ -8,12 +8,12 @@ PORTS = {port: replace(DEFAULT, name=f"PORT{port}", port=port) for port in (128,
 
 
 def other_port(config: Config) -> Config:
-    """The same machine with a port of the other width."""
+    """The same machine with the other port width."""
     return replace(config, name=f"{config.name}_OTHER", port=128 if config.port == 256 else 256)
 
 
 def wide_addresses(config: Config) -> Config:
-    """The same machine with addresses of 64 bits."""
+    """The same machine with 64-bit addresses."""
     return replace(config, name=f"{config.name}_WIDE", address_bits=64)
 
 

@@ -10,7 +10,7 @@ UNIT = Energy(
     flip_flop_capacitance=0.5, clock_tree_capacitance=0.25, memory_access=1.0, memory_words=64,
     memory_bits=8, memory_scale=0.5, dram_bit=0.25, gate_leakage=4.0, memory_leakage=0.5,
 )  # fmt: skip
-"""10 fJ a change, 3 fJ a clock, 2 pJ a byte of DRAM."""
+"""10 fJ per change, 3 fJ per clock, 2 pJ per byte of DRAM."""
 
 ACTIVITY = {"axi": Activity(200, 800.0, 20), "cull": Activity(10, 50.0, 0)}
 
@@ -23,7 +23,7 @@ GATES = {
     "axi": Gates(1000.0, 70, 10_000e-15, 210e-15, 4000e-9),
     "cull": Gates(500.0, 20, 5000e-15, 60e-15, 2000e-9),
 }
-"""By `UNIT`."""
+"""Energies by `UNIT`."""
 
 SIZES = [
     Size(part, 1, GATES[part.name].nand2, 9, 8.0, 7, GATES[part.name].flip_flops, 0, ())

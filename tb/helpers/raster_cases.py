@@ -30,9 +30,12 @@ ALL_BLOCKS = Array(Bits(raster.BLOCKS**2), LEVELS)
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Splats in the lists of an image's groups, all on TINY.
+    """Splats in the lists of an image's groups, on TINY.
 
-    features: codes [M] of `feature_record`. size: of the image. background: a colour's codes.
+    features: codes [M] of `feature_record`
+    entries: of the groups' lists
+    size: of the image
+    background: codes of a colour
     """
 
     features: Codes
@@ -67,8 +70,8 @@ class Case:
         return raster.readied_record(TINY).pack(codes | {"splat": splat})
 
     def blocks(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """A rasterizer's finished blocks, rows of `pixels_record`, and ones where these matter: in
-        the image."""
+        """A rasterizer's finished blocks, rows of `pixels_record`, and ones for bits that matter:
+        pixels in the image."""
         golden = rasterize(TINY, self.features, self.entries, self.size, self.background)
         (width, height), record = self.size, raster.pixels_record(TINY)
         whole, inside = np.zeros((2, height + 64, width + 64, 3), np.uint8)
@@ -83,9 +86,12 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Splats and tiles, and ends of groups, in order, in each of stage 3's records [N].
+    """Pairs of splats and tiles, and ends of groups, in order, in stage 3's records.
 
-    end [N]; far [N]; coefficients [N, 6]: E around the tile.
+    pairs: codes [N] of `pair_record`
+    end: [N] whether it is a group's end
+    far: [N] whether the splat is too far away
+    coefficients: [N, 6] of E around the tile
     """
 
     pairs: Codes
@@ -95,7 +101,7 @@ class Pairs:
 
     @classmethod
     def of(cls, case: Case, live: int = ~0) -> "Pairs":
-        """All of a case in tiles that are live."""
+        """All pairs of a case. live: mask of live tiles."""
         features = raster.featured_record(TINY).unpack(case.featured())
         numbers = prepare(TINY, features["splat"])
         index, column, row, tile = np.array(list(_places(case, live))).T
@@ -115,8 +121,8 @@ class Pairs:
         return raster.pair_record(TINY).pack(self.pairs)
 
     def around(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of `around_record`, and ones where they matter: E where it is not too far away, and
-        of a group's end nothing but that."""
+        """Rows of `around_record`, and ones for bits that matter: E unless the splat is too far
+        away; only `end` at a group's end."""
         record = raster.around_record(TINY)
         codes = self._carried() | {"far": self.far}
         ones = {
@@ -133,7 +139,7 @@ class Pairs:
         return raster.marked_record(TINY, ALL_BLOCKS).pack(codes)
 
     def owned(self, number: int) -> np.ndarray:
-        """Those that have blocks of a rasterizer, which are left of them."""
+        """Rows of the pairs that have blocks of a rasterizer, with these blocks only."""
         own = raster.owned(TINY, number)
         blocks = self.blocks()
         mine = sum(((blocks >> block) & 1) << k for k, block in enumerate(own))
@@ -142,7 +148,7 @@ class Pairs:
         return rows[self.end | (mine[:, 0] != 0)]
 
     def blocks(self) -> np.ndarray:
-        """Blocks of the tile that reach each level [N, levels], a bit for each."""
+        """Blocks of the tile that reach each level [N, levels], one bit per block."""
         found = np.zeros((len(self.end), LEVELS), np.uint64)
         for k, coefficients in enumerate(self.coefficients):
             if self.far[k]:
@@ -167,8 +173,10 @@ class Pairs:
 
 
 def exactly_reached(pairs: Pairs) -> Pairs:
-    """The same pairs with an e such that a block is exactly at the bound of some level, one more or
-    one less: twice E is even, so is what the slopes add wherever that can be."""
+    """Change e of each pair so that 2·E at a block is at the bound of some level, or next to it.
+
+    e changes 2·E by even numbers, so the bound is hit exactly only if the slopes' sum is even.
+    """
     rng, found = np.random.default_rng(0), pairs.coefficients.copy()
     limit = 1 << raster.EXPONENT_INTEGER + TINY.exponent_fraction
     for k, coefficients in enumerate(found):
@@ -182,8 +190,8 @@ def exactly_reached(pairs: Pairs) -> Pairs:
 
 
 def _places(case: Case, live: int) -> Iterator[tuple[int, int, int, int]]:
-    """Of each pair the number of its row of `featured_record`, column and row of its tile in the
-    image, and its tile in the group; a group's end has its first tile."""
+    """For each pair its row number in `featured_record`, column and row of its tile in the image,
+    and its tile in the group; a group's end has the group's first tile."""
     side, start, number = TINY.group, case.entries.start, 0
     columns = group_grid(TINY, *case.size)[1]
     for group in case.groups:
@@ -202,13 +210,12 @@ def _ones(format, where: np.ndarray) -> np.ndarray:
 
 
 def mixed(count: int, size: tuple[int, int], seed: int = 0, **options) -> Case:
-    """Splats of all shapes, in tiles at random, whether they reach them or not."""
+    """Splats of all shapes in random tiles, whether they reach them or not."""
     return _drawn(random_features(TINY, count, size, seed), size, seed, **options)
 
 
 def extreme(count: int, size: tuple[int, int], seed: int = 0) -> Case:
-    """Splats as thin, as large, as far away, as bright as any that stage 1 gives; the background
-    too."""
+    """Splats as thin, large, far and bright as stage 1 can output; the brightest background."""
     rng = np.random.default_rng(seed)
     centre = rng.choice([0, 16, 64, 1e3, 1e5, 1e9, -1e3, -1e9], (count, 2))
     xx, yy = rng.choice([0.3, 1, 1e3, 1e6, 1e12], (2, count))
@@ -222,7 +229,7 @@ def extreme(count: int, size: tuple[int, int], seed: int = 0) -> Case:
 
 
 def opaque(size: tuple[int, int]) -> Case:
-    """Two splats for each group that cover all of it; the second one ends all pixels."""
+    """Two splats per group that cover it; the second one ends all pixels."""
     groups = int(np.prod(group_grid(TINY, *size)))
     every = np.full(2 * groups, (1 << TINY.group**2) - 1)
     entries = Entries(np.arange(groups + 1) * 2, np.tile([0, 1], groups), every)
@@ -247,8 +254,8 @@ def _drawn(features: Codes, size: tuple[int, int], seed: int, **options) -> Case
 
 
 def by_kind(count: int) -> dict[str, Case]:
-    """The cases of all steps."""
-    whole, cut = (TINY.width_max, TINY.height_max), (61, 35)  # the latter within blocks
+    """The cases for all steps."""
+    whole, cut = (TINY.width_max, TINY.height_max), (61, 35)  # the latter ends within blocks
     return {
         "empty": nothing(cut),
         "full": mixed(count, cut, background=(100, 200, 300)),

@@ -1,4 +1,4 @@
-"""Stage 3 in simulation: random splats; rows that go in and must come out by the golden model."""
+"""Stage 3 in simulation: random splats, input rows, and output rows by the golden model."""
 
 from dataclasses import dataclass
 
@@ -26,11 +26,11 @@ from tb.helpers.runs import compiled, counters
 
 
 class Watched(wiring.Component):
-    """Stage 3 with its queues in view: of the splats, of each rasterizer's pairs, and of each one's
-    finished blocks.
+    """Stage 3 with the state of its queues: of splats, pairs and finished blocks.
 
-    Members, besides those of `hdl.raster.raster.Raster`
-        full, empty: a bit for each queue. Finished blocks are full where each has its place in use.
+    Members, in addition to those of `hdl.raster.raster.Raster`
+        full, empty: one bit per queue: splats, each rasterizer's pairs, each rasterizer's finished
+            blocks (full if all places are in use)
     """
 
     def __init__(self, config: Config):
@@ -63,7 +63,7 @@ class Watched(wiring.Component):
 
 
 def random_features(config: Config, count: int, size: tuple[int, int], seed: int) -> Codes:
-    """Splats of all shapes on and around an image: points, needles, walls, far centres."""
+    """Random splats of all shapes on and around an image: points, needles, walls, far centres."""
     rng = np.random.default_rng(seed)
     far = np.where(rng.random(count) < 0.1, rng.choice([10, 100, 1000, 1e5], count), 1.0)
     centre = rng.uniform(-0.2, 1.2, (count, 2)) * size * far[:, None]
@@ -77,7 +77,7 @@ def random_features(config: Config, count: int, size: tuple[int, int], seed: int
 
 
 def opaque_features(config: Config, count: int, size: tuple[int, int]) -> Codes:
-    """Splats that cover an image; after two of them nothing is to be seen."""
+    """Splats that cover an image; two of them are opaque."""
     features = random_features(config, count, size, 5)
     features["opacity"][:] = 0
     for name in ("across", "along"):
@@ -97,7 +97,7 @@ def prepared_codes(config: Config, features: Codes) -> Codes:
 
 
 def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarray:
-    """Each group's splats and its end."""
+    """Rows of each group's splats and its end."""
     lengths = np.diff(entries.start)
     group = np.repeat(np.arange(len(lengths)), lengths)
     place = np.arange(len(entries.splat)) + group  # an end behind each group
@@ -113,7 +113,7 @@ def featured_rows(config: Config, features: Codes, entries: Entries) -> np.ndarr
 
 
 def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tuple[int, int]):
-    """Column and row [N, 2] of a rasterizer's blocks, as they come, group after group."""
+    """Column and row [N, 2] of a rasterizer's blocks in the order of output, group after group."""
     _, columns = group_grid(config, *size)
     own = np.array(raster.owned(config, rasterizer))
     blocks = np.array([raster.nth_block(config, n) for n in range(raster.block_count(config))])
@@ -131,12 +131,12 @@ def block_places(config: Config, rasterizer: int, groups: np.ndarray, size: tupl
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run of some groups, and the golden model's picture."""
+    """A run of some groups and its comparison with the golden model's picture."""
 
     result: Result
     golden: Raster
-    differing: int  # blocks
-    blocks: int
+    differing: int  # number of wrong blocks
+    blocks: int  # number of blocks
     counters: dict[str, int]
 
 
@@ -149,7 +149,7 @@ def run_groups(
     background: tuple[int, int, int] = (0, 0, 0),
     **options,
 ) -> Run:
-    """Run `Watched` on some groups of an image, or on all of them."""
+    """Run `Watched` on some groups of an image; default: all."""
     golden = rasterize(config, features, entries, size, background)
     if groups is None:
         groups = np.arange(np.prod(group_grid(config, *size)))
@@ -181,7 +181,7 @@ def run_groups(
 
 
 def differing_blocks(blocks: np.ndarray, pixels: np.ndarray, places: np.ndarray) -> int:
-    """The number of blocks [N, 16, 3] differ from an image [H, W, 3] at their places [N, 2]."""
+    """Number of blocks [N, 16, 3] that differ from an image [H, W, 3] at their places [N, 2]."""
     height, width = pixels.shape[:2]
     padded = np.zeros((height + BLOCK, width + BLOCK, 3), np.uint8)
     padded[:height, :width] = pixels

@@ -1,4 +1,4 @@
-"""The report's page and the files beside it, as tests ask for them."""
+"""Access to the report's page and its other files in tests."""
 
 import json
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ class Figure:
 
 
 class Page(HTMLParser):
-    """A page's parts; tags that do not match are an AssertionError."""
+    """Parts of a page; raises AssertionError for tags that do not match."""
 
     def __init__(self, text: str):
         super().__init__()
@@ -64,11 +64,11 @@ class Page(HTMLParser):
 
 @dataclass
 class Report:
-    """Files that a run of the command left, its exit status and messages."""
+    """Output folder of the command, its exit status and messages."""
 
     folder: Path
     status: int
-    said: str
+    messages: str
 
     @property
     def text(self) -> str:
@@ -79,7 +79,7 @@ class Report:
         return json.loads((self.folder / "report.json").read_text())["sections"]
 
     def table(self, section: str, key: str) -> list[dict]:
-        """A table's rows by its headings."""
+        """Rows of a table, by heading."""
         found = self.sections[section]["tables"][key]
         return [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
 

@@ -1,4 +1,4 @@
-"""Small results for tests of the report, as its commands leave them; numbers are made up."""
+"""Small results for tests of the report, in the formats of its commands; numbers are made up."""
 
 import json
 from pathlib import Path
@@ -17,12 +17,12 @@ SIZE = "64x48"
 VIEWS = {
     ("vase.ply", "0"): 5_000_000, ("hall.spz", "door"): 2_500_000, ("hall.spz", "roof"): 1_000_000
 }  # fmt: skip
-"""Scenes, cameras and cycles of their frames."""
+"""Cycles per frame by scene and camera."""
 
 VERSION = "1.2.3, commit abcdef0123"
 
 DENSITY = {"0": 100, "door": 10, "roof": 30}
-"""Splats of a camera's tiles, in steps from one to the next."""
+"""Step of the number of splats from tile to tile, by camera."""
 
 COUNTS = {
     "points_read": 900, "projected": 700, "splats": 600, "group_entries": 1000,
@@ -31,7 +31,7 @@ COUNTS = {
 
 
 def write(path: Path, value: dict):
-    """A JSON file, with its folder."""
+    """Write a JSON file, and create its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(value))
 
@@ -43,7 +43,7 @@ def halves(frame: int) -> dict:
 
 
 def of_view(scene: str, camera: str, frame: int) -> dict:
-    """Keys that rows of all campaigns have."""
+    """Keys of rows of all campaigns."""
     return {
         "scene": scene, "camera": camera, "cycles": halves(frame),
         "fps_at_800mhz": CLOCK_HZ / frame, "psnr_db_machine": 55.5, "psnr_db_scene": 44.5,
@@ -52,7 +52,7 @@ def of_view(scene: str, camera: str, frame: int) -> dict:
 
 
 def scenes(folder: Path):
-    """`bench scenes`: a file for each view, and the table."""
+    """`bench scenes`: one file per view, and the table."""
     for (scene, camera), frame in VIEWS.items():
         row = of_view(scene, camera, frame)
         row["cycles"]["fps_at_800mhz"] = row.pop("fps_at_800mhz")
@@ -97,7 +97,7 @@ def packings(folder: Path):
 
 
 def budget(folder: Path):
-    """`error --stage all`: a view of degree 1, others of degree 3, one part equal."""
+    """`error --stage all`: a view of degree 1, others of degree 3, one part without error."""
     rows = []
     for number, (scene, camera) in enumerate(VIEWS):
         parts = {"packing": ["shape", *(f"degree {d + 1}" for d in range(3 if number else 1))]}
@@ -182,9 +182,9 @@ def campaigns(folder: Path):
         })  # fmt: skip
         tiles = np.arange(12).reshape(3, 4) * DENSITY[camera]
         density[f"{scene} {camera}"] = tiles.tolist()
-    told = [{"name": step, "fields": {}, "paper_fps": ABLATION.get(step)} for step in steps]
+    table = [{"name": step, "fields": {}, "paper_fps": ABLATION.get(step)} for step in steps]
     facts = {"preset": "DEFAULT", "size": SIZE, "failed": []}
-    write(folder / "ablation/ablation.json", facts | {"steps": told, "rows": rows})
+    write(folder / "ablation/ablation.json", facts | {"steps": table, "rows": rows})
     facts |= {"rows": work, "density": density, "operations": {}}
     write(folder / "work/work.json", facts)
 
@@ -231,7 +231,7 @@ def others(folder: Path):
     whole = {"parts": {"whole": part}, "seeds": [part | {"fmax_mhz": 43.2}, part]}
     write(folder / "fpga-whole.json", facts | {"preset": "FPGA", "speed": "8"} | whole)
     view = halves(1_000_000) | {"fps": 800.0, "psnr_db_machine": None, "max_error_machine": 0.0}
-    field = {"default": 4, "chosen": 1, "reason": "there is no less"}
+    field = {"default": 4, "chosen": 1, "reason": "no smaller value exists"}
     write(folder / "fit/small.json", {
         "scene": "vase.ply", "fps": 60.0, "psnr_db_machine": 50.0, "fields": {"rasterizers": field},
         "views": {"vase.ply:0": view},
@@ -239,6 +239,6 @@ def others(folder: Path):
 
 
 def everything(folder: Path):
-    """All results that a report has a use for."""
+    """All results of a report."""
     for make in (scenes, packings, budget, sweep, machine, campaigns, others):
         make(folder)

@@ -1,4 +1,4 @@
-"""Scenes of round Gaussians at given places, for tests of cameras."""
+"""Scenes of round Gaussians at given positions, for tests of cameras."""
 
 import numpy as np
 
@@ -16,12 +16,12 @@ def gaussians(position, scale=0.05, opacity=0.9) -> Gaussians:
 
 
 def ball(count=2_000, middle=(0, 0, 0), radius=1.0, seed=0) -> np.ndarray:
-    """Points [count, 3] on a sphere."""
+    """Random points [count, 3] on a sphere."""
     return random_directions(np.random.default_rng(seed), count) * radius + middle
 
 
 def boxes(seed: int, *parts: tuple) -> np.ndarray:
-    """Points [N, 3] in boxes, each given as (count, half sides [3], middle [3])."""
+    """Random points [N, 3] in boxes. parts: (count, half sides [3], middle [3]) of each box."""
     rng = np.random.default_rng(seed)
     points = [rng.uniform(-1, 1, (count, 3)) * half + np.array(at) for count, half, at in parts]
     return np.concatenate(points)

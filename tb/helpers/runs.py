@@ -1,4 +1,4 @@
-"""Runs of compiled components: rows of their streams compared, counters read."""
+"""Runs of compiled components: compare rows of their streams, read counters."""
 
 import shutil
 from collections.abc import Callable, Hashable, Iterable
@@ -19,17 +19,18 @@ needs_icarus = pytest.mark.skipif(
 
 @cache
 def compiled(make: Callable, *arguments: Hashable, samples: tuple[str, ...] = ()) -> Simulation:
-    """A component, made of these arguments and compiled, once for all tests of a process."""
+    """Make a component from these arguments and compile it, once per process."""
     return Simulation(make(*arguments), samples)
 
 
 def check_run(
     simulation: Simulation, inputs: Rows, expected: Rows, label="", settled=dict, **options
 ) -> Result:
-    """A run that ends and gives these rows of the out streams, every bit, and no others.
+    """Run a component and check that its output rows are exactly the expected ones.
 
-    label: goes before a stream's name in messages. settled: leaves what matters of the rows found.
-    options: those of `Simulation.run`.
+    label: prefix of a stream's name in messages
+    settled: function of the output rows that removes bits that do not matter
+    options: of `Simulation.run`
     """
     counts = {port: len(rows) for port, rows in expected.items()}
     result = simulation.run(inputs, expected=counts, **options)
@@ -44,6 +45,6 @@ def check_run(
 
 
 def counters(names: Iterable[str], bits: int) -> dict[str, int]:
-    """Counters by name from the value of a port that has them side by side."""
+    """Split the value of a port into counters by name."""
     mask = (1 << COUNTER_BITS) - 1
     return {name: bits >> k * COUNTER_BITS & mask for k, name in enumerate(names)}

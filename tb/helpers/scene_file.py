@@ -30,13 +30,13 @@ PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
 def read_written(path: Path, data: bytes) -> Scene:
-    """The scene of a file with this content."""
+    """Write a file with this content and read its scene."""
     path.write_bytes(data)
     return read_scene(path)
 
 
 def check_refused(read: Callable[[Path], object], path: Path | str, message: str) -> None:
-    """`read` refuses the file in one line that names it and says `message`."""
+    """Check that `read` refuses a file with one line: its path at the beginning, and `message`."""
     with pytest.raises(InputError) as error:
         read(path)
     assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
@@ -44,14 +44,14 @@ def check_refused(read: Callable[[Path], object], path: Path | str, message: str
 
 
 def check_bad_scene(path: Path, data: bytes, message: str) -> None:
-    """A scene file with this content is refused with its path, a colon and `message`."""
+    """Check that a scene file with this content is refused with its path, a colon and `message`."""
     path.write_bytes(data)
     check_refused(read_scene, path, message)
     check_refused(read_scene, path, f"{path}: ")
 
 
 def edited(value: object, *keys: object) -> object:
-    """A copy of nested tables with one value replaced (the last of `keys`) or removed (None)."""
+    """A copy of nested tables with one value replaced by the last of `keys`, or removed (None)."""
     value = copy.deepcopy(value)
     *path, last, new = keys
     table = value
@@ -85,7 +85,7 @@ def ply_bytes(
     newline: str = "\n",
     comments: tuple[str, ...] = (),
 ) -> bytes:
-    """A PLY file of element → property → values; properties are `float` unless `types` says."""
+    """A PLY file of element → property → values. types: of properties, `float` by default."""
     types = types or {}
     lines, body = ["ply", f"format {form} 1.0", "comment made by a test"], b""
     lines += [f"comment {text}" for text in comments]
@@ -160,7 +160,7 @@ def smallest_three(q: np.ndarray) -> np.ndarray:
 
 
 def spz_of(scene: Scene, number: int | None = None) -> bytes:
-    """An SPZ of version 4 of a scene's numbers as they are, with a record of its axes."""
+    """An SPZ file, version 4, of a scene. number: code of its axes in an extension record."""
     codes = spz_codes(4, len(scene), scene.sh_degree)
     fixed = np.rint(scene.position * 2**12).astype(np.int64) & 0xFFFFFF
     codes[0] = np.stack([fixed >> 8 * k & 255 for k in range(3)], 2).astype(np.uint8)
@@ -241,7 +241,7 @@ def sog_meta(version: int, count: int, degree: int, seed: int = 0) -> dict:
 
 
 def sog_bytes(meta: object, images: dict[str, np.ndarray | bytes]) -> bytes:
-    """A SOG file; an image may be given as the bytes of its file."""
+    """A SOG file. images: pixels, or bytes of an image file."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("meta.json", meta if isinstance(meta, str) else json.dumps(meta))

@@ -1,4 +1,4 @@
-"""Frames of scenes, as binning sees them."""
+"""Frames of scenes as input of binning."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -15,7 +15,7 @@ from splatcore.spec.config import DEFAULT
 from tb.helpers.bin_frames import Frame
 from tb.helpers.scenes import GAUSSIANS, REAL, scene_path
 
-COUNT = 30_000  # about as many Gaussians of each real scene are taken, evenly
+COUNT = 30_000  # Gaussians taken evenly from each real scene, approximately
 
 SCENES = ("flowers.spz", "skull.sog", "kitchen.spz")
 
@@ -30,13 +30,13 @@ SLOW = (*REAL, pytest.mark.slow)  # marks of a real scene
 
 
 def parameters(names: Sequence[str], first: int = 3) -> list:
-    """Parameters of a test: real scenes, those after the first ones only for `make verify`."""
+    """Parameters of a test: real scenes; all after the `first` ones only for `make verify`."""
     marks = [SLOW] * first + [(*SLOW, pytest.mark.verify)] * (len(names) - first)
     return [pytest.param(name, marks=mark) for name, mark in zip(names, marks, strict=True)]
 
 
 def with_counts(names: Sequence[str]) -> list:
-    """Parameters: the garden; a part of each real scene, and, for `make verify` only, all of it."""
+    """Parameters: the garden; a part of each real scene; for `make verify` also whole scenes."""
     parts = [pytest.param(name, COUNT, marks=SLOW) for name in names]
     whole = [pytest.param(name, None, marks=(*SLOW, pytest.mark.verify)) for name in names]
     return [("garden", None), *parts, *whole]
@@ -44,7 +44,7 @@ def with_counts(names: Sequence[str]) -> list:
 
 @cache
 def scene_frame(name: str, count: int | None = COUNT) -> tuple:
-    """A scene's frame with about `count` Gaussians (None: all), model, camera and their points."""
+    """A scene's frame with about `count` Gaussians (None: all), its model, camera and points."""
     if name in GAUSSIANS:
         scene = read_scene(scene_path(name))
         camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")

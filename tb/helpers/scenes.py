@@ -24,18 +24,18 @@ GAUSSIANS = {
     "leica-sofort-top8192.sog": (8_192, 3),
     "yashica-t4-top8192.ply": (8_192, 3),
 }
-"""File → Gaussians and SH degree, as SOURCES.md of the folder states them."""
+"""Gaussians and SH degree by file, from SOURCES.md in the folder."""
 
 
 REAL = (
     pytest.mark.scenes,
     pytest.mark.skipif(not SCENES.is_dir(), reason="needs the real scenes: set SPLATCORE_SCENES"),
 )
-"""Marks of what reads real scenes: `scenes`, and skipped without the folder."""
+"""Marks of tests with real scenes: `scenes`, and skipped without the folder."""
 
 
 def needs_scenes(test):
-    """Decorates a test that reads real scenes."""
+    """Decorator of tests with real scenes."""
     scenes, skipped = REAL
     return scenes(skipped(test))
 

@@ -1,4 +1,4 @@
-"""Cases of stage 2 and its parts: entries whose keys are of some kind."""
+"""Cases of stage 2 and its parts: entries with keys of several kinds."""
 
 import numpy as np
 
@@ -11,17 +11,17 @@ from tb.helpers.batches import KINDS
 from tb.helpers.feeds import Feed
 
 KEYS = {"full": "random", "tie": "equal", "saturated": "extreme"}
-"""Kinds of cases, and of their keys (`tb.helpers.batches`)."""
+"""Kind of keys (`tb.helpers.batches`) by kind of case."""
 
 
 def keys_of(config: Config, kind: str, counts: list[int]) -> list[np.ndarray]:
-    """Keys of lists of so many entries."""
+    """Keys of lists. counts: entries per list."""
     rng, keys = np.random.default_rng(0), KINDS[KEYS[kind]]
     return [keys(config.sort_key_bits, count, rng) for count in counts]
 
 
 def entries_with(keys: list[np.ndarray]) -> Codes:
-    """Entries of lists with these keys, the rest of them at random."""
+    """Entries of lists with these keys and random splats and masks."""
     joined = np.concatenate([np.zeros(0, np.uint64), *keys])
     rng, count = np.random.default_rng(1), len(joined)
     return {
@@ -32,7 +32,7 @@ def entries_with(keys: list[np.ndarray]) -> Codes:
 
 
 def batch_feed(config: Config, kind: str, **constants: int) -> Feed:
-    """Batches of all sizes for a sub-sorter, several full ones among them."""
+    """Batches of all sizes for a sub-sorter, including several full ones."""
     most = config.sub_sorter_entries
     batches = keys_of(config, kind, [most, most, most, *range(1, most), 1, 1, most])
     last = np.concatenate([np.arange(len(keys)) == len(keys) - 1 for keys in batches])

@@ -1,4 +1,4 @@
-"""Small scenes for gradients: ordinary ones, and ones right at the clamps and thresholds."""
+"""Small scenes for gradients: ordinary ones, and ones with many clamps and thresholds."""
 
 from collections.abc import Callable
 from functools import cache
@@ -11,14 +11,14 @@ from splatcore.spec.scene import sh_count
 from tb.helpers.dense_splatting import PARAMETERS, Dense, dense_render
 
 FAR = 1e-3
-"""No value of a scene is nearer to a threshold than this, relatively: steps of finite differences
-and rounding in float32 decide nothing anew."""
+"""Minimum relative distance of all values from thresholds, so that finite differences and rounding
+in float32 change no decision."""
 
-Arrays = dict[str, np.ndarray]  # the parameters by name
+Arrays = dict[str, np.ndarray]  # parameters by name
 
 
 def view(width: int = 37, height: int = 21, focal: float = 30.0) -> Camera:
-    """A camera with unequal focal lengths that looks obliquely, its principal point off centre."""
+    """An oblique camera with unequal focal lengths and its principal point off centre."""
     camera = look_at(np.array([0.3, -0.4, -2.0]), np.array([0.1, 0.2, 0.5]), width, height, focal)
     fields = camera.rotation, camera.translation, camera.name
     return Camera(width, height, focal, 1.1 * focal, width / 2 + 0.7, height / 2 - 0.4, *fields)
@@ -27,7 +27,7 @@ def view(width: int = 37, height: int = 21, focal: float = 30.0) -> Camera:
 def splats(
     rng, camera: Camera, count=8, degree=1, opacity=(0.2, 0.9), size=(0.5, 4.0), outside=0.0
 ) -> Arrays:
-    """Gaussians of `size` pixels all over the view, and beyond it by `outside` of its sides."""
+    """Gaussians of `size` pixels in the view, and beyond it by a share `outside` of its sides."""
     depth = rng.uniform(1.5, 5.0, count)
     share = rng.uniform(-outside, 1 + outside, (2, count))
     x = (share[0] * (camera.width - 1) + 0.5 - camera.cx) / camera.fx * depth
@@ -45,14 +45,14 @@ def splats(
 
 
 def dark(rng, camera):
-    """Colours around 0: about half of them clamped."""
+    """Gaussians with colours around 0, about half of which are clamped."""
     arrays = splats(rng, camera, 10)
     arrays["sh"][:, 0] += -0.5 / 0.282
     return arrays
 
 
 def needles(rng, camera, length=100, thickness=0.01):
-    """So many pixels long and thick."""
+    """Gaussians of this length and thickness in pixels."""
     arrays = splats(rng, camera, 6)
     turned = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0]
     depth = (arrays["position"] @ camera.rotation.T + camera.translation)[:, 2]
@@ -81,27 +81,27 @@ MAKERS: dict[str, tuple[Callable, Camera]] = {
     "one pixel": (lambda *a: splats(*a, 4, size=(2.0, 6.0)), view(1, 1)),
     "one Gaussian": (lambda *a: splats(*a, 1), view()),
 }
-"""Name → function of (random numbers, camera), and the camera."""
+"""By name: function of (random numbers, camera), and the camera."""
 
 ANTIALIASED = (
     "ordinary", "opaque", "slanted", "dark", "needles", "short needles", "below a pixel",
     "larger than the view", "one Gaussian",
 )  # fmt: skip
-"""Scenes that are drawn with compensated opacities, too."""
+"""Scenes that are also rendered with compensated opacities."""
 
 CASES = [(name, False) for name in MAKERS] + [(name, True) for name in ANTIALIASED]
 """Names of scenes, and whether opacities are compensated."""
 
 
 def scene(name: str, antialiased: bool = False) -> tuple[Arrays, Camera, Dense]:
-    """A scene of that kind away from all thresholds, with its picture; arrays may be changed."""
+    """A scene away from all thresholds, its camera and its picture; the arrays are copies."""
     arrays, camera, dense = _first(name, antialiased)
     return {key: array.copy() for key, array in arrays.items()}, camera, dense
 
 
 @cache
 def _first(name: str, antialiased: bool) -> tuple[Arrays, Camera, Dense]:
-    """The first random scene of that kind that is away from all thresholds."""
+    """The first random scene of a kind that is away from all thresholds."""
     make, camera = MAKERS[name]
     for seed in range(400):
         arrays = make(np.random.default_rng(seed), camera)
@@ -112,14 +112,14 @@ def _first(name: str, antialiased: bool) -> tuple[Arrays, Camera, Dense]:
 
 
 def tensors(arrays: Arrays, kind=torch.float64, gradient: bool = False) -> dict[str, torch.Tensor]:
-    """The parameters as leaves of torch."""
+    """Convert parameters to tensors that are leaves for autograd."""
     return {
         name: torch.tensor(arrays[name], dtype=kind, requires_grad=gradient) for name in PARAMETERS
     }
 
 
 def loss(found, seed: int = 1) -> torch.Tensor:
-    """A random projection of picture and transmittance, of deviation about 1."""
+    """A loss: a random projection of picture and transmittance, with a deviation of about 1."""
     rng = np.random.default_rng(seed)
     image = torch.tensor(rng.normal(size=found.image.shape), dtype=found.image.dtype)
     rest = torch.tensor(rng.normal(size=found.transmittance.shape), dtype=found.image.dtype)

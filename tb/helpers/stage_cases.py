@@ -1,4 +1,4 @@
-"""Stages of the point half in simulation: rows that go in, rows that must come out."""
+"""Stages 0 and 1 in simulation: input rows and expected output rows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,12 +39,12 @@ STREAMS = {
         {name: name for name in ("fetch", "wanted", "splats")},
     ),
 }
-"""Each stage's in streams and out streams, by port: which of `PointRows.streams` they carry."""
+"""Input and output streams of each stage: name in `PointRows.streams` by port."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A component, the rows of its in streams, its other inputs, and the rows that must come."""
+    """A component, its input rows, its other inputs, and the expected output rows."""
 
     component: wiring.Component
     inputs: Rows
@@ -53,12 +53,12 @@ class Case:
 
     @property
     def first(self) -> list[str]:
-        """The codebook is written before anything else."""
+        """Streams to send first: writes to the codebook."""
         return [name for name in self.inputs if name == "write"]
 
 
 def case(stage: str, rows: PointRows) -> Case:
-    """A stage's part of the golden results of a frame."""
+    """A stage's case from the golden results of a frame."""
     config, streams = rows.config, dict(rows.streams)
     chunks = chunk_record(config).unpack(streams["chunks"])
     for record in (culling_record(config), placing_record(config), projecting_record()):
@@ -74,7 +74,7 @@ def case(stage: str, rows: PointRows) -> Case:
 
 
 def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
-    """Rows of a stage's out streams without what does not matter in them."""
+    """Rows of a stage's output streams, with zeros for bits that do not matter."""
     coordinates, found = {"culled": "z", "placed": "x y z"}, dict(outputs)
     for port, name in STREAMS[stage][1].items():
         if name in coordinates:
@@ -83,7 +83,7 @@ def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
 
 
 def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
-    """Values of a component's ports that stay for a frame."""
+    """Values of a component's ports that are constant during a frame."""
     width, found = rows.config.arithmetic.width, {"clear": 0} | rows.registers
     names = component.constants.shape().members
     found["constants"] = sum(
@@ -93,7 +93,7 @@ def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
 
 
 def check(stage: str, frame: PointRows, stall: float, seed: int = 0) -> Result:
-    """A stage's outputs against the golden model's, every bit, and the counters."""
+    """Compare a stage's outputs with the golden model's, bit by bit, and the counters."""
     given = case(stage, frame)
     result = check_run(
         compiled(STAGES[stage], frame.config), given.inputs, given.expected, f"{stage}.",

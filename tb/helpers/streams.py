@@ -1,12 +1,13 @@
 """Streams in testbenches: send, receive, watch, stall, and payloads as integers.
 
-For components whose streams carry one vector (`i__payload`, `i__valid`, `i__ready`), under
-cocotb's `Clock`, with which a read after a rising edge sees the values before it.
+For components whose streams have ports `i__payload`, `i__valid` and `i__ready`, under cocotb's
+`Clock`, with which a read after a rising edge sees the values before the edge.
 
-A stall pattern is an endless iterator over cycles, true where the side that has it does nothing.
-It draws from Python's `random`, which cocotb seeds anew for each test.
+A stall pattern is an endless iterator over cycles: true if its side of a stream idles. It draws
+from Python's `random`, which cocotb seeds for each test.
 
-Nothing here gives up: a test says itself when (`timeout_time`), or a lost item is awaited for ever.
+These functions have no time limit: set `timeout_time` of the test, or it waits forever for a lost
+item.
 """
 
 import random
@@ -21,12 +22,12 @@ from cocotb.triggers import ClockCycles, RisingEdge
 
 from splatcore.spec.record import Codes, Record
 
-PERIOD = 10  # clock period in ns; nothing depends on it
+PERIOD = 10  # clock period in ns; arbitrary
 
 RESET_CYCLES = 2
 
 STALL_MAX = 200  # longest run of stalled cycles in `long_stalls`
-BURST_MAX = 12  # longest run of equal cycles in `bursts`: longer than any small queue is deep
+BURST_MAX = 12  # longest run of equal cycles in `bursts`: longer than the depth of small queues
 
 
 def never() -> Iterator[bool]:
@@ -34,7 +35,7 @@ def never() -> Iterator[bool]:
 
 
 def always() -> Iterator[bool]:
-    """For what must happen, or not, while the other side gives nothing or takes nothing."""
+    """Stall in every cycle."""
     return repeat(True)
 
 
@@ -43,13 +44,13 @@ def alternate() -> Iterator[bool]:
 
 
 def at_random(p: float = 0.5) -> Iterator[bool]:
-    """Each cycle with probability p."""
+    """Stall in each cycle with probability p."""
     while True:
         yield random.random() < p
 
 
 def bursts() -> Iterator[bool]:
-    """Runs of stalled and of free cycles by turns, each of random length."""
+    """Alternate runs of stalled and free cycles, each of random length."""
     stalled = random.random() < 0.5
     while True:
         yield from repeat(stalled, random.randint(1, BURST_MAX))
@@ -57,8 +58,7 @@ def bursts() -> Iterator[bool]:
 
 
 def long_stalls() -> Iterator[bool]:
-    """Runs of stalled cycles in which whatever queue there is fills, and shorter ones of free
-    cycles."""
+    """Alternate runs of stalled cycles, long enough to fill queues, and shorter free runs."""
     while True:
         yield from repeat(True, random.randint(1, STALL_MAX))
         yield from repeat(False, random.randint(1, BURST_MAX))
@@ -69,7 +69,7 @@ def mostly() -> Iterator[bool]:
 
 
 STALLS = [never, alternate, at_random, mostly, bursts]
-"""The patterns that every case is crossed with, on both sides; `always` is for cases of its own."""
+"""Patterns that every case is combined with on both sides; `always` has separate cases."""
 
 
 def pause(
@@ -78,8 +78,11 @@ def pause(
     read: Callable[[], Iterator[bool]],
     write: Callable[[], Iterator[bool]] | None = None,
 ) -> None:
-    """Pauses on all channels of the two sides of one of cocotbext-axi's models; write: on those by
-    which is written, if not the same."""
+    """Set pauses on all channels of a model of cocotbext-axi.
+
+    read: pattern of the read channels
+    write: pattern of the write channels; default: that of the read channels
+    """
     for side, names, pattern in (
         (writing, ("aw", "w", "b"), write or read),
         (reading, ("ar", "r"), read),
@@ -89,13 +92,13 @@ def pause(
 
 
 def timed_test(timeout: int, **parameters: Iterable) -> Callable:
-    """Decorates a test: it runs with each value of the parameters, for `timeout` ns at most."""
+    """Decorator of a test: run it with each value of the parameters, for at most `timeout` ns."""
     limited = cocotb.test(timeout_time=timeout, timeout_unit="ns")
     return lambda function: limited(cocotb.parametrize(**parameters)(function))
 
 
 class Stream:
-    """The ports of one stream, by the name before `__payload`: "i", "queue__o", "fork__o__1"."""
+    """The ports of a stream. name: part before `__payload`: "i", "queue__o", "fork__o__1"."""
 
     def __init__(self, dut: SimHandleBase, name: str):
         self.name = name
@@ -105,12 +108,12 @@ class Stream:
         self.ready = getattr(dut, f"{name}__ready")
 
     def passes(self) -> bool:
-        """True if an item passes at the edge just seen."""
+        """True if an item is transferred at this edge."""
         return bool(self.valid.value) and bool(self.ready.value)
 
 
 async def start(dut: SimHandleBase, sources: list[Stream], sinks: list[Stream]) -> None:
-    """Start the clock and reset, all streams silent. Returns just after an edge."""
+    """Start the clock and reset, with all streams idle. Returns just after an edge."""
     for stream in sources:
         stream.valid.value = 0
         stream.payload.value = 0
@@ -128,9 +131,9 @@ async def reset(dut: SimHandleBase, cycles: int = 1) -> None:
 
 
 async def send(stream: Stream, payloads: list[int], idle: Iterator[bool] | None = None) -> None:
-    """Send payloads in order, a cycle's pause wherever `idle` says so.
+    """Send payloads in order, with an idle cycle whenever `idle` is true.
 
-    While valid is low the payload is noise, so that a component that looks at it is found out.
+    While valid is low the payload is noise, to detect a component that uses it.
     """
     idle = idle or never()
     width = len(stream.payload)
@@ -149,7 +152,7 @@ async def send(stream: Stream, payloads: list[int], idle: Iterator[bool] | None 
 
 
 async def receive(stream: Stream, count: int, stall: Iterator[bool] | None = None) -> list[int]:
-    """Take `count` payloads; ready is low in a cycle in which `stall` says so."""
+    """Receive `count` payloads; ready is low in cycles in which `stall` is true."""
     stall = stall or never()
     payloads = []
     while len(payloads) < count:
@@ -163,10 +166,12 @@ async def receive(stream: Stream, count: int, stall: Iterator[bool] | None = Non
 
 
 class Monitor:
-    """Records what passes on a stream and asserts that an offer, once made, is kept.
+    """Records the transfers on a stream and asserts that offers are kept.
 
-    payloads, cycles: what passed and when, in cycles since `watch` began. Monitors that begin
-    together count alike. Start it by `cocotb.start_soon(monitor.watch())`.
+    payloads: transferred payloads
+    cycles: of the transfers, since `watch` began; comparable between monitors that began together
+
+    Start it by `cocotb.start_soon(monitor.watch())`.
     """
 
     def __init__(self, stream: Stream):
@@ -175,7 +180,7 @@ class Monitor:
         self.cycles: list[int] = []
 
     def clear(self) -> None:
-        """Forget what has passed."""
+        """Forget all transfers."""
         self.payloads, self.cycles = [], []
 
     async def watch(self) -> None:
@@ -184,8 +189,8 @@ class Monitor:
             await RisingEdge(stream.clk)
             payload = int(stream.payload.value) if stream.valid.value else None
             if offered is not None and not stream.rst.value:
-                assert payload is not None, f"{stream.name}: valid fell before ready came"
-                assert payload == offered, f"{stream.name}: payload changed before ready came"
+                assert payload is not None, f"{stream.name}: valid fell before ready rose"
+                assert payload == offered, f"{stream.name}: payload changed before ready rose"
             if stream.rst.value:
                 offered = None
             elif stream.passes():
@@ -198,11 +203,11 @@ class Monitor:
 
 
 def words(record: Record, codes: Codes) -> list[int]:
-    """Codes of N records as N payloads."""
+    """Pack codes of N records into N payloads."""
     return [int.from_bytes(packed.tobytes(), "little") for packed in record.pack(codes)]
 
 
 def codes(record: Record, words: list[int]) -> Codes:
-    """The inverse of `words`."""
+    """Unpack payloads: the inverse of `words`."""
     packed = b"".join(word.to_bytes(record.size, "little") for word in words)
     return record.unpack(np.frombuffer(packed, np.uint8).reshape(-1, record.size))

@@ -1,4 +1,4 @@
-"""Planted faults in a component that is simulated, each of which runs must find."""
+"""Planted faults in a simulated component, each of which the runs must detect."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -15,10 +15,11 @@ def faults_are_found(
     faults: Mapping[str, tuple],
     check: Callable[[Simulation, int], None],
 ) -> Callable:
-    """A test for a test file: runs pass without a fault and fail with each.
+    """Make a test function: the runs must pass without a fault and fail with each fault.
 
-    faults: name → one of those of `Variants`. check: makes the runs on a simulation of the variants
-    whose port `fault` has this number, 0 for none; an assertion fails if a fault is found.
+    faults: for `Variants`, by name
+    check: runs a simulation of the variants with a number for the port `fault` (0: no fault); an
+        assertion fails if it detects the fault
     """
 
     @cache

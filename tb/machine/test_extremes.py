@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_extremes():
-    """Floaters; scales that no integer holds; positions and coefficients far beyond the others'."""
+    """Floaters; scales beyond any integer; positions and coefficients far beyond the others'."""
     scene = cloud(3, count=80)
     scenes = [
         replace(strewn(ball(300), 3, 1e6), antialiased=True),

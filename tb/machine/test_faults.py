@@ -1,4 +1,4 @@
-"""Whatever goes wrong: an error is told, nothing hangs, no other frame suffers by it."""
+"""Injected faults: each is reported, nothing hangs, and no other frame is disturbed."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.registers import ErrorCode
 
 SEEDS = {"first": range(3), "few": range(3, 6), "more": range(6, 40)}
-"""Random runs for each kind. The first ones judge planted faults."""
+"""Seeds of random runs for each kind. The first ones judge planted faults."""
 
 
 def check(config, faults, seed, pair):
@@ -48,10 +48,10 @@ def test_every_cycle_of_a_hand_over(seed, pair):
 @pytest.mark.slow
 @pytest.mark.parametrize("pair", [False, True])
 def test_exactly_enough(pair):
-    """With as many list pages and features as the frame needs all is well; with one fewer not."""
+    """Exactly the list pages and features that a frame needs are enough; one fewer is not."""
     binned = golden(TINY, B).binned
     needed = {"LISTS_PAGES": binned.lists.needed, "FEATURES_MAX": len(binned.kept)}
-    enough = Fault(ErrorCode.NONE, values=needed, survives=True, told=False)
+    enough = Fault(ErrorCode.NONE, values=needed, survives=True, reported=False)
     check(TINY, [enough], 0, pair)
     for name, code in (("LISTS_PAGES", ErrorCode.PAGES), ("FEATURES_MAX", ErrorCode.FEATURES)):
         check(TINY, [Fault(code, values={name: needed[name] - 1})], 0, pair)
@@ -60,5 +60,5 @@ def test_exactly_enough(pair):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", PAIR_KINDS)
 def test_at_full_size(kind):
-    """The machine of full HD, each kind once."""
+    """The full HD machine, each kind once."""
     check_drawn(DEFAULT, kind, range(1), pair=True)

@@ -1,4 +1,4 @@
-"""The whole machine in simulation: every pixel and every count is the golden model's; waveforms."""
+"""The whole machine in simulation: all pixels and counters are the golden model's; waveforms."""
 
 import re
 from dataclasses import replace
@@ -32,25 +32,24 @@ NEAR = (
 )  # hard cases with Gaussians at and behind the near plane
 
 ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
-"""Slow memory that idles at random."""
+"""Slow memory with random stalls."""
 
 SLOW = Timing("one at a time", latency=20, bandwidth=4.0, outstanding=1)
-"""Memory that is busy with another client's access when the last row of an image is offered."""
+"""Memory that is busy with another client's access when an image's last row is offered."""
 
 OTHER = replace(
     TINY, name="OTHER", group=1, tile_test="3sigma", culling="none", skip_zeros=False,
     early_termination=False, faint=(), sub_sorters=1, rasterizers=1, port=256, burst=2,
     logic="fpga",
 )  # fmt: skip
-"""All that can be chosen otherwise: the smallest groups, of which tiles and groups have the same
-numbers; tiles by the original renderer's square; the ablation's machine, in which nothing is
-culled, zeros are multiplied and no pixel ends early; one of each unit; weights and colours in
-multipliers; the wide port, of which some items are a part."""
+"""A machine that differs from TINY in every option: groups of one tile; the original renderer's
+square tile test; no culling, no skipping of zeros, no early termination; one of each unit; weights
+and colours in multipliers; the wide port, wider than some items."""
 
 FIRST, LAST = 300, 420  # cycles whose waveforms are recorded
 
 STREAMS = ("preprocess.points", "preprocess.bin", "render.sort", "render.raster", "axi")
-"""Modules whose streams the view of waveforms must show."""
+"""Modules whose streams must be in the viewer file of waveforms."""
 
 
 @pytest.mark.parametrize("timing", [IDEAL, LPDDR4, ROUGH], ids=lambda timing: timing.name)
@@ -60,7 +59,7 @@ def test_garden(timing):
 
 
 def test_antialiased_garden():
-    """Opacities are compensated, and with the next frame's model they are not."""
+    """A model with compensated opacities, one without, and one with them again."""
     marked = pack(replace(HARD["sub_pixel"](0).scene, antialiased=True), TINY)[0]
     jobs = [Job(model, view(), (40, 200, 511)) for model in (marked, garden(TINY, 400), marked)]
     check(TINY, machine(TINY).run(jobs), *jobs)
@@ -69,7 +68,7 @@ def test_antialiased_garden():
 @pytest.mark.parametrize("name", ["near_plane", "camera_inside"])
 @pytest.mark.parametrize("near", [NEAR_LIMITS[0], 0.01, 0.5])
 def test_near_planes(name, near):
-    """Depths below the base of keys are in order, too."""
+    """Depths below the base of keys are sorted, too."""
     case = HARD[name](0)
     model = pack(case.scene, TINY, quality=finest(case.scene, TINY))[0]
     jobs = [Job(model, replace(case.camera, near=near)), Job(model, case.camera)]
@@ -80,7 +79,7 @@ def test_near_planes(name, near):
 
 @pytest.mark.parametrize("name", HARD)
 def test_hard_cases(name):
-    """Lists of 20,000, equal depths, no Gaussian at all, one pixel, …"""
+    """Lists of 20,000 entries, equal depths, no Gaussian, one pixel, …"""
     case = HARD[name](0)
     job = Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
     check(TINY, machine(TINY).run([job]), job)
@@ -90,14 +89,14 @@ def test_hard_cases(name):
 
 
 def test_long_needles():
-    """Whatever is lost of their thickness, E stays within its bits."""
+    """E fits in its bits even though the needles' thickness is lost to rounding."""
     case = long_needles()
     job = Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
     check(TINY, machine(TINY).run([job]), job)
 
 
 def test_sizes():
-    """Images that end within groups, tiles and blocks, each in memory as wide as it is."""
+    """Images that end within groups, tiles and blocks, each with its own stride."""
     jobs = [
         Job(garden(TINY, 150), view(width, height), (0, 0, 300))
         for width, height in (
@@ -116,17 +115,17 @@ def test_sizes():
 
 @pytest.mark.parametrize("size", [(31, 3), (33, 17), (16, 16), (64, 3)])
 def test_last_row_is_in_memory_before_the_frame_is_told(size):
-    """Though the other half keeps the port busy."""
+    """Even while the other half keeps the port busy."""
     jobs = [Job(garden(TINY, 150), view(*size)), Job(garden(TINY, 400), view())]
     check(TINY, machine(TINY).run(jobs, SLOW), *jobs)
 
 
 def test_path():
-    """Neighbouring frames in both halves at once; each in the work area of its own."""
+    """Consecutive frames in both halves at once, each in its own work area."""
     jobs = [Job(garden(TINY, 400), view(step=0.1 * k)) for k in range(5)]
     run = machine(TINY).run(jobs, LPDDR4)
     check(TINY, run, *jobs)
-    # Both halves are at work at once: a frame takes as long as its longer half and a bit.
+    # Both halves work at once: a frame takes little longer than its slower half.
     for frame, first, second in zip(
         run.frame_cycles, run.preprocessing_cycles[1:], run.rendering_cycles[:-1], strict=True
     ):
@@ -148,7 +147,7 @@ def test_other_choices(timing):
 
 @pytest.mark.verify
 def test_waves_of_a_window(tmp_path):
-    """The window alone is recorded, and the view shows signals that are there."""
+    """Only the window is recorded, and the viewer file shows only recorded signals."""
     preset, vcd = tmp_path / "other.toml", tmp_path / "w.vcd"
     write_preset(preset, OTHER, TINY)
     assert command("render", "needles", "--engine", "rtl", "--preset", preset, "--size", "16x16",

@@ -1,4 +1,4 @@
-"""The whole machine of `DEFAULT` on the embedded scene, on the hard cases of harmonics and on small
+"""The whole machine `DEFAULT` on the built-in scene, on the hard cases of harmonics and on small
 real frames."""
 
 from dataclasses import replace
@@ -24,11 +24,11 @@ pytestmark = pytest.mark.slow
 
 SIZE = (480, 270)
 
-WITHIN = 0.05  # relative error at most of a half's cycle model, whichever half is alone at work
+WITHIN = 0.05  # maximum relative error of the cycle model for a half that runs alone
 
 
 def run(model, camera, frames: int = 1):
-    """Frames of one camera, each equal to the golden model's."""
+    """Run frames of one camera; compare them with the golden model, their cycles with the model."""
     jobs = [Job(model, camera)] * frames
     found = machine(DEFAULT).run(jobs, LPDDR4)
     check(DEFAULT, found, *jobs)
@@ -41,12 +41,12 @@ def run(model, camera, frames: int = 1):
 
 
 def test_garden():
-    """Two frames of the embedded scene, both halves at work at once."""
+    """Two frames of the built-in scene, with both halves busy at once."""
     run(pack(generate("garden"), DEFAULT)[0], generated_camera("garden").resized(*SIZE), 2)
 
 
 def test_a_tall_image():
-    """Taller than the preset's own image, with no more groups; and a small near plane."""
+    """An image taller than the preset's, but with no more groups; and a small near plane."""
     camera = generated_camera("garden").resized(1920, 1080)
     camera = replace(camera, width=96, height=1920, cx=48.0, cy=960.0, near=0.01)
     job = Job(pack(generate("garden"), DEFAULT)[0], camera)
@@ -54,7 +54,7 @@ def test_a_tall_image():
 
 
 def test_hard_harmonics():
-    """One after the other, the finest and the next."""
+    """All cases one after the other, each with the two finest qualities."""
     cases = [HARD[name](0) for name in HARMONICS]
     jobs = [
         Job(pack(case.scene, quality=quality)[0], case.camera)

@@ -1,4 +1,4 @@
-"""The example driver in C on the simulated machine: it renders a frame, the golden model's."""
+"""The example driver in C on the simulated machine: its frame is the golden model's."""
 
 import os
 import subprocess
@@ -67,7 +67,7 @@ void splatcore_pause(void *device)
     printf("cycles 100\\n");
     answer();
 }
-/* Two frames in flight, both complete before the driver looks. */
+/* Two frames in flight, both complete before the driver reads INTERRUPT. */
 static int32_t two_more(const struct splatcore_memory *memory, const struct splatcore_view *view)
 {
     const uint32_t frames = splatcore_read(0, SPLATCORE_FINISHED) + 2;
@@ -98,14 +98,14 @@ int main(void)
 }
 """
 
-FEW_PAGES = 2  # list pages with which the driver begins; it has to take more
+FEW_PAGES = 2  # list pages at the start; the driver must increase them
 
 SIZE = (48, 40)
 
 
 def placed(config: Config, job: Job, pages: int) -> Areas:
-    """Model, work areas, scratch memory and image, one behind the other in memory's file; of a
-    machine with addresses of 64 bits each in a window of its own."""
+    """Place model, work areas, scratch memory and image one after the other in the memory file;
+    with 64-bit addresses each in its own window."""
     features, (width, height) = len(job.model), SIZE
     sizes = {
         "model0": len(job.model.image),
@@ -124,7 +124,7 @@ def placed(config: Config, job: Job, pages: int) -> Areas:
 
 
 def driver(config: Config, job: Job, areas: Areas, folder: Path) -> Path:
-    """The driver with a host's main, compiled."""
+    """Compile the driver with a host's main function; the program's path."""
     write_register_files(config, folder)
     camera = job.camera
     rows = [*camera.rotation, camera.translation]
@@ -146,7 +146,7 @@ def driver(config: Config, job: Job, areas: Areas, folder: Path) -> Path:
 
 
 def run(config: Config, program: Path, areas: Areas, folder: Path) -> tuple[str, Report]:
-    """What the host tells at its end, and the report of the machine: each at the other's pipe."""
+    """Run driver and machine, connected by pipes. Returns the driver's output and the report."""
     limits = {"idle_max": IDLE_MAX, "cycles_max": CYCLES_MAX, "live": 1}
     prepare(folder, Script(config), areas, LPDDR4, limits)
     given, answers = os.pipe()
@@ -157,14 +157,15 @@ def run(config: Config, program: Path, areas: Areas, folder: Path) -> tuple[str,
         command = [machine(config).program, str(folder)]
         subprocess.run(command, stdin=host.stdout, stdout=answers, check=True)
         os.close(answers)
-        told = host.stderr.read()
+        output = host.stderr.read()
     assert host.returncode == 0, f"the host ended with {host.returncode}"
-    return told, read_report(folder / "report", config)
+    return output, read_report(folder / "report", config)
 
 
 @pytest.mark.parametrize("config", [TINY, wide_addresses(TINY)], ids=lambda config: config.name)
 def test_driver_renders_a_frame(config, tmp_path):
-    """Pixels are the golden model's; there are too few list pages at first. Two more frames."""
+    """The pixels are the golden model's, although list pages are too few at first; two more frames
+    follow."""
     white = (256 << config.colour_fraction) / 255
     background = tuple(round(part * white) for part in (0.25, 0.5, 1))
     job = Job(garden(config, 150), view(*SIZE), background)
@@ -173,8 +174,8 @@ def test_driver_renders_a_frame(config, tmp_path):
     assert needed > FEW_PAGES
     areas = placed(config, job, needed + 5)
     make_memory(tmp_path, areas, [job.model])
-    told, report = run(config, driver(config, job, areas, tmp_path), areas, tmp_path)
-    assert told == f"0 {needed}" and report.done and not report.outside, (told, report.why)
+    output, report = run(config, driver(config, job, areas, tmp_path), areas, tmp_path)
+    assert output == f"0 {needed}" and report.done and not report.outside, (output, report.why)
     width, height = SIZE
     rows = areas.read(open_memory(tmp_path), "image0").reshape(height, stride(width))
     assert np.array_equal(rows[:, : width * PIXEL].reshape(frame.pixels.shape), frame.pixels)

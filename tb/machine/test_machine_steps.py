@@ -1,4 +1,4 @@
-"""The whole machine on models in steps: all layouts, all degrees, chunks that are skipped."""
+"""The whole machine on models in steps: all layouts, all degrees, skipped chunks."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def scene() -> Scene:
 
 
 def models() -> list[PackedModel]:
-    """In steps of all layouts and degrees, compact and small ones."""
+    """Models in steps with all layouts and degrees, and compact and small ones."""
     kinds = [(None, quality) for quality in (LAYOUT_OF, "faithful", "small", "balanced", "compact")]
     kinds += [(degree, quality) for degree in (0, 1) for quality in ("faithful", "compact")]
     kinds += [(0, "small")]
@@ -46,7 +46,7 @@ def models() -> list[PackedModel]:
 
 @pytest.mark.parametrize("timing", [IDEAL, ROUGH], ids=lambda timing: timing.name)
 def test_frames_of_all_kinds_of_models(timing):
-    """One after the other: nothing of a model stays for the next one's frame."""
+    """Frames one after the other: no state of a model remains for the next one."""
     jobs = [Job(model, camera) for model in models() for camera in (AMID, view(40, 36, 1))]
     read = render(TINY, *jobs[0]).points.read
     assert read[-1] and (jobs[0].model.chunk_beats[~read] > 1).any()

@@ -1,4 +1,4 @@
-"""Memory, host and watchdog around a machine (`sim.machine.machine`), on a small device."""
+"""Memory, host and watchdog of the simulated machine (`sim.machine.machine`), on a small device."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -49,7 +49,7 @@ def run(machine: Machine, models: list, timing: Timing, fault: str = "none", **o
 def test_frames_come_as_they_should(machine, models, timing):
     seen = []
     found = machine.run(
-        jobs(models, 4), timing, lambda *told: seen.append(told), {"features": FAULT}
+        jobs(models, 4), timing, lambda *step: seen.append(step), {"features": FAULT}
     )
     assert found.done and found.state["NEEDED"] == PAGES, found.why
     for k, frame in enumerate(found.frames):
@@ -67,11 +67,11 @@ def test_frames_come_as_they_should(machine, models, timing):
     assert not found.report.outside
 
 
-def test_progress_is_told(machine, models):
-    """A run of a few seconds, as news come twice a second."""
+def test_progress_is_reported(machine, models):
+    """A run of a few seconds; progress is reported twice per second."""
     seen = []
     slow = replace(IDEAL, bandwidth=0.001)
-    found = machine.run(jobs(models), slow, lambda *told: seen.append(told), {"features": FAULT})
+    found = machine.run(jobs(models), slow, lambda *step: seen.append(step), {"features": FAULT})
     assert found.done
     cycles, written, total = zip(*seen, strict=True)
     assert set(total) == {BEATS * BEAT} and cycles == tuple(sorted(cycles))
@@ -83,15 +83,15 @@ def test_progress_is_told(machine, models):
     [(0, 0, BEATS), (32, 32, BEATS), (8, 0, 4 * BEATS), (8, 32, 4 * BEATS), (8, 128, 8 * BEATS)],
 )
 def test_bandwidth(machine, models, bandwidth, granule, cycles):
-    """Beats are read and written; of a granule of 128 bytes a burst of 64 leaves half unused."""
+    """Reads and writes share the bandwidth; a burst of 64 bytes wastes half of a granule of 128."""
     timing = Timing("test", latency=4, bandwidth=bandwidth, granule=granule)
     frame = run(machine, models, timing).frames[0]
-    saved = 2 * granule // max(bandwidth, 1)  # from before the first access
+    saved = 2 * granule // max(bandwidth, 1)  # tokens from before the first access
     assert cycles - saved <= frame.finished - frame.ready <= cycles + 40
 
 
 def test_latency(machine, models):
-    """A burst's first beat and its answer come so many cycles later, and many are under way."""
+    """A burst's first beat and its answer have the latency; several bursts are in flight."""
     base, slow = (Timing("test", latency=cycles) for cycles in (4, 24))
     timings = base, slow, replace(slow, outstanding=1)
     base, late, one = (run(machine, models, timing).frames[0] for timing in timings)
@@ -116,7 +116,7 @@ def test_write_errors(machine, models):
     "fault, rule",
     [
         ("ar", "AR was not kept"), ("aw", "AW was not kept"), ("w", "W was not kept"),
-        ("last", "WLAST"), ("boundary", "crosses a boundary"), ("size", "neither of whole beats"),
+        ("last", "WLAST"), ("boundary", "crosses a boundary"), ("size", "neither whole beats"),
     ],
 )  # fmt: skip
 def test_rules(machine, models, fault, rule):
@@ -125,14 +125,14 @@ def test_rules(machine, models, fault, rule):
 
 
 def test_outside(machine, models):
-    """An access that no region allows is answered by an error, and told."""
+    """An access outside of all regions is answered by an error and reported."""
     found = run(machine, models, IDEAL, "outside")
     assert found.error == ErrorCode.READ and found.report.outside == 1
     assert "read of model, 64 bytes at 0x0" in found.why
 
 
 def test_the_model_is_not_written(machine, models):
-    """The regions' rights count: the image is where the model is."""
+    """A write to a read-only region is refused: the image is placed at the model."""
     [job] = jobs(models)
     areas = job_areas(job)
     script, _, _ = host_script(TINY, [job], [job.model], areas)
@@ -158,7 +158,7 @@ def test_limit(machine, models):
 
 
 def test_writes_are_seen_from_their_answers_on(machine, models):
-    """Who tells the host before memory has answered has told it too early."""
+    """A machine that signals FRAME before memory's answers has signalled it too early."""
     timing = replace(IDEAL, latency=100)
     found = run(machine, models, timing, "early")
     assert found.done
@@ -175,7 +175,7 @@ def test_more_pages(machine, models):
 
 
 def test_reset_in_mid_frame(machine, models):
-    """Nothing of what was asked for before the reset comes after it."""
+    """Memory drops requests from before the reset."""
     [job] = jobs(models)
     areas = job_areas(job)
     script = Script(TINY)
@@ -189,7 +189,7 @@ def test_reset_in_mid_frame(machine, models):
 
 
 def test_two_ends_before_the_host_looks(machine, models):
-    """One FRAME tells both, and FINISHED how many; a reset begins to count anew."""
+    """One FRAME stands for both, and FINISHED counts them; a reset restarts the count."""
     [job] = jobs(models)
     areas, script = job_areas(job), Script(TINY)
     first, _, _ = host_script(TINY, [job], [job.model], areas)
@@ -209,7 +209,7 @@ def job_areas(job: Job):
 
 
 def executed(machine: Machine, script: Script, areas, job: Job) -> tuple[Report, bytes]:
-    """A script of one's own on a job's memory; the image that it saved."""
+    """Run a script on a job's memory; the report and the image that it saved."""
     with TemporaryDirectory() as name:
         make_memory(Path(name), areas, [job.model])
         report = execute(machine.program, Path(name), script, areas, LPDDR4)

@@ -1,4 +1,4 @@
-"""Waveforms: the window and the module alone, about as large as estimated, and a view that fits."""
+"""Waveforms: only the window and the module, of the estimated size, and matching viewer files."""
 
 import re
 from dataclasses import replace
@@ -48,8 +48,8 @@ NAMES = [
 ]  # fmt: skip
 
 
-def spoken(names: list[Signal]) -> list[tuple[str, str, int]]:
-    """Signals but for their codes, which are those of a file."""
+def without_codes(names: list[Signal]) -> list[tuple[str, str, int]]:
+    """Signals without their codes, which differ from file to file."""
     return [(signal.scope, signal.name, signal.width) for signal in names]
 
 
@@ -57,8 +57,8 @@ def test_find_scope():
     assert find_scope(NAMES, "raster.setup") == "TOP.top.raster.setup"
     assert find_scope(NAMES, "top") == "TOP.top"
     for wanted, message in (
-        ("setup", "is one of TOP.top.raster.setup, TOP.top.points.setup; say more"),
-        ("top.setap", "no such module; near it: setup"),
+        ("setup", "could be TOP.top.raster.setup, TOP.top.points.setup; give more"),
+        ("top.setap", "no such module; similar: setup"),
         ("aster.setup", "no such module"),
     ):
         with pytest.raises(InputError, match=f"--scope {wanted}: .*{message}"):
@@ -70,7 +70,7 @@ def test_find_scope():
 
 
 def test_views(tmp_path):
-    """Of each stream's payload the fields, in Surfer all at once; what is no stream is left out."""
+    """GTKWave shows the fields of payloads, Surfer whole payloads; neither shows other signals."""
     lines = gtkwave(tmp_path / "w.vcd", (7, 9), NAMES).splitlines()
     setup = "TOP.top.raster.setup.i__"
     group = ["@800200", "-i", "@28", f"{setup}valid", "@28", f"{setup}ready", "@22",
@@ -93,7 +93,7 @@ def test_window_counts():
 
 
 def test_fst_names(tmp_path):
-    """A file made by hand, as the format is described: modules, names, widths, a second name."""
+    """A file built from the format's description: modules, names, widths, two names of a net."""
     text = b"\xfe\x00TOP\x00\x00" + b"\x10\x00clk\x00\x01\x00" + b"\xfe\x00top\x00\x00"
     text += b"\x10\x00clk\x00\x01\x01" + b"\x10\x00wide [299:0]\x00\xac\x02\x00" + b"\xff\xff"
     data = bytes([len(text) - 15 << 4 & 0xF0 | 0xF0, len(text) - 15]) + text
@@ -110,14 +110,14 @@ def test_fst_names(tmp_path):
 
 
 def test_lz4():
-    """Literals; a match that overlaps itself, of a length that goes on; literals at the end."""
+    """Literals; a match that overlaps itself, with a continued length; literals at the end."""
     long = bytes([0x2F]) + b"ab" + (2).to_bytes(2, "little") + bytes([255, 1])
     assert _unpacked(long + b"\x30xyz") == b"ab" + (b"ab" * 138)[: 4 + 15 + 256] + b"xyz"
 
 
 def test_kinds(monkeypatch):
     assert check_kind(Path("w.vcd")) == check_kind(Path("w")) == "vcd"
-    with pytest.raises(InputError, match=r"w\.ghw: does not end with \.vcd or \.fst"):
+    with pytest.raises(InputError, match=r"w\.ghw: must end in \.vcd or \.fst"):
         check_kind(Path("w.ghw"))
     monkeypatch.setattr(wave_kind, "has_headers", lambda *names: "lz4.h" not in names)
     with pytest.raises(InputError, match=r"w\.fst: FST needs zlib\.h and lz4\.h .*liblz4-dev"):
@@ -133,7 +133,7 @@ def jobs() -> list[Job]:
 
 
 def test_too_large(jobs, monkeypatch, tmp_path, capsys):
-    """What is estimated above --waves-max is refused, in one line, before anything is simulated."""
+    """Waveforms estimated above --waves-max are refused, in one line, before simulation."""
     names = [Signal("TOP.top.queue", f"n{k}", 32, str(k)) for k in range(100)]
     monkeypatch.setattr(waves, "names_of", lambda machine: names)
     frame = render(TINY, *jobs[0])
@@ -180,21 +180,21 @@ def test_window_alone(traced, jobs, recording):
 @pytest.mark.slow
 @pytest.mark.parametrize("module, most", [("top", 80_000), ("queue", 30_000)])
 def test_scope(traced, jobs, recording, module, most):
-    """The module's signals and no others, about as many bytes as estimated, a view that fits."""
+    """Only the module's signals, about the estimated bytes, and matching viewer files."""
     names = names_of(traced)
     scope = find_scope(names, module)
     recording = replace(recording, scope=scope, levels=99)
     run = recorded(traced, jobs, recording)
     found = list(signals(recording.path))
     wanted = within(names, scope, 99)
-    assert spoken(found) == spoken(wanted) and len(found) < len(names)
+    assert without_codes(found) == without_codes(wanted) and len(found) < len(names)
     size, kind = recording.path.stat().st_size, recording.path.suffix[1:]
     assert size < most
     assert size / 3 < estimate(wanted, WINDOW.count(run.report.cycles, 0), kind) < 3 * size
-    there = {f"{signal.scope}.{signal.name}" for signal in found}
+    recorded_names = {f"{signal.scope}.{signal.name}" for signal in found}
     lines = recording.path.with_suffix(".gtkw").read_text().splitlines()
     shown = {re.sub(r"\[.*", "", line) for line in lines if line.startswith("TOP")}
-    assert "TOP.top.queue.i__payload" in shown and shown <= there
+    assert "TOP.top.queue.i__payload" in shown and shown <= recorded_names
     lines = recording.path.with_suffix(".sucl").read_text().splitlines()
     added = {line.partition(" ")[2] for line in lines if line.startswith("variable_add ")}
     assert lines[0] == f"load_file {recording.path}" and lines[-1] == "zoom_fit"
@@ -206,7 +206,7 @@ def test_scope(traced, jobs, recording, module, most):
 
 @pytest.mark.slow
 def test_tile(traced, jobs, tmp_path):
-    """From the reading of its list to the last of its pixels, here the first 4 rows."""
+    """From the read of its list to its last pixel; here the first 4 rows."""
 
     def watch(areas):
         read = areas.models[0] + 2 * BURST * BEAT

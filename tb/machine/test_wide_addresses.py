@@ -1,4 +1,4 @@
-"""Addresses of 64 bits: each area in a window of 4 GiB of its own, two frames in flight."""
+"""64-bit addresses: each area in its own window of 4 GiB, two frames in flight."""
 
 import numpy as np
 import pytest
@@ -25,14 +25,14 @@ FRAMES = 4
 
 
 def jobs() -> list[Job]:
-    """One whose lists are short; neighbouring frames of two models, with lists that are dealt."""
+    """A frame with short lists, then consecutive frames of two models with lists that are dealt."""
     dealt = [Job(garden(WIDE, 400 - 50 * (k % 2)), view(step=0.1 * k)) for k in range(FRAMES)]
     return [Job(garden(WIDE, 40), view()), *dealt]
 
 
 @pytest.mark.parametrize("timing", [LPDDR4, ROUGH], ids=lambda timing: timing.name)
 def test_each_area_in_a_window_of_its_own(timing):
-    """Memory elsewhere answers by errors, and no two areas have the same address in a window."""
+    """Other windows answer by errors, and no two areas have the same address within a window."""
     given = jobs()
     run = machine(WIDE).run(given, timing)
     check(WIDE, run, *given)
@@ -47,7 +47,7 @@ def test_each_area_in_a_window_of_its_own(timing):
 
 
 def test_frames_in_flight_differ_in_every_window():
-    """But in that of scratch memory, which only one of them uses at a time."""
+    """Except in the window of scratch memory, which only one frame uses at a time."""
     models = [job.model for job in jobs()[:2]]
     areas = place_areas(WIDE, models, [(64, 48)])
     first, second = (frame_values(WIDE, job, k, areas, k) for k, job in enumerate(jobs()[:2]))

@@ -1,4 +1,4 @@
-"""The mark of antialiasing: statements of scene files, kept in what is made of scenes."""
+"""The antialiased mark of scenes: how each format states it, and which operations keep it."""
 
 import json
 from dataclasses import replace
@@ -40,14 +40,14 @@ def mark(scene: Scene) -> tuple[bool, str]:
 
 
 def plain(tmp_path, *comments: str, **columns: np.ndarray) -> Scene:
-    """A PLY of three Gaussians with further columns."""
+    """Read a PLY of three Gaussians with additional columns."""
     table = ply_columns(random_scene(3, 0)) | columns
     data = ply_bytes({"vertex": table}, comments=comments)
     return read_written(tmp_path / "scene.ply", data)
 
 
 def compressed(tmp_path, *comments: str) -> Scene:
-    """A compressed PLY of three Gaussians."""
+    """Read a compressed PLY of three Gaussians."""
     rng = np.random.default_rng(0)
     bounds, packed = rng.normal(size=(1, 18)), rng.integers(0, 1 << 32, (3, 4), np.uint32)
     data = compressed_ply_bytes(bounds, packed, np.zeros((3, 0), np.uint8), comments=comments)
@@ -69,7 +69,8 @@ def compressed(tmp_path, *comments: str) -> Scene:
     }.items(),
 )
 def test_ply_comments(tmp_path, make, comment, antialiased):
-    """Brush's and Postshot's, in any case and spacing, in plain and compressed PLY."""
+    """Brush's and Postshot's comments set the mark, in any case and spacing and either kind of
+    PLY."""
     text = " ".join(comment.split())
     assert mark(make(tmp_path, "SH degree: 0", comment)) == (antialiased, f"PLY comment '{text}'")
 
@@ -80,17 +81,19 @@ def test_ply_comments(tmp_path, make, comment, antialiased):
     ["", "SplatRenderMode: 2dgs", "not antialiased 1 at all", "SplatRenderMode: mipmap", "mip"],
 )
 def test_other_ply_comments(tmp_path, make, comment):
+    """Comments that only resemble a statement leave the scene unmarked."""
     assert mark(make(tmp_path, comment)) == UNMARKED
 
 
 def test_last_ply_comment_counts(tmp_path):
-    """As splat-transform reads them."""
+    """The last of several statements wins, as in splat-transform."""
     assert plain(tmp_path, "SplatRenderMode: default", "antialiased 1").antialiased
     assert not plain(tmp_path, "antialiased 1", "SplatRenderMode: default").antialiased
 
 
 @pytest.mark.parametrize("newline", ["\r\n", "\r"])
 def test_line_ends_of_ply_comments(tmp_path, newline):
+    """The line end, CRLF or CR, is not part of the comment."""
     elements = {"vertex": ply_columns(random_scene(3, 0))}
     data = ply_bytes(elements, "ascii", newline=newline, comments=("antialiased 1",))
     assert mark(read_written(tmp_path / "scene.ply", data)) == (True, "PLY comment 'antialiased 1'")
@@ -98,7 +101,7 @@ def test_line_ends_of_ply_comments(tmp_path, newline):
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_spz_flag(tmp_path, version):
-    """Bit 0; without it a file states nothing, as converters drop the flag."""
+    """Bit 0 sets the mark; a clear bit states nothing, because converters drop the flag."""
     found = {}
     for flags in (0, 1, 4):
         data = spz_bytes(version, spz_codes(version, 5, 1), 1, flags=flags)
@@ -122,14 +125,14 @@ def test_spz_flag(tmp_path, version):
     ],
 )
 def test_sog_meta(tmp_path, version, stated, expected):
-    """Top-level keys of meta.json: splat-transform's and GaussForge's."""
+    """Only top-level keys of meta.json count: splat-transform's and GaussForge's."""
     meta = json.dumps(sog_meta(version, 17, 0) | stated)
     data = sog_bytes(meta, sog_codes(17, 0, 5))
     assert mark(read_written(tmp_path / "scene.sog", data)) == expected
 
 
 def test_filter_3d_is_fused(tmp_path):
-    """By Mip-Splatting's formulas, with a note and its mark; a comment outranks the column."""
+    """Fused by Mip-Splatting's formulas, with a note and the mark; a comment overrides the mark."""
     width = np.array([0.15, 0.0, 3.0])
     bare = plain(tmp_path)
     scene = plain(tmp_path, filter_3D=width)
@@ -144,7 +147,7 @@ def test_filter_3d_is_fused(tmp_path):
 
 
 def test_filter_3d_of_flat_gaussians(tmp_path):
-    """Scales of 0 and tiny ones: no division by zero, no underflow of their product."""
+    """Scales that are 0 or tiny: no division by zero, no underflow of their product."""
     columns = {f"scale_{k}": np.array([-np.inf, -400.0, -np.inf]) for k in range(3)}
     scene = plain(tmp_path, filter_3D=np.array([0.5, 0.0, 0.0]), **columns)
     bare = plain(tmp_path)
@@ -153,7 +156,7 @@ def test_filter_3d_of_flat_gaussians(tmp_path):
 
 
 def test_filter_3d_has_the_right_picture(tmp_path):
-    """That of a file whose writer has fused the filter, except for the rounding to float32."""
+    """A file with filter_3D renders like a file whose writer fused it, within float32 rounding."""
     bare = random_scene(60, 0)
     wide = np.sqrt(bare.scale**2 + 0.15**2)
     dim = bare.opacity * np.sqrt((bare.scale**2).prod(1) / (wide**2).prod(1))
@@ -169,6 +172,7 @@ def test_filter_3d_has_the_right_picture(tmp_path):
 
 
 def test_unknown_columns_are_named(tmp_path):
+    """A note names at most eight unused columns; normals are expected and not named."""
     extra = {name: np.zeros(3) for name in ("nx", "ny", "nz", "label", "filter_3dx", "semantic_0")}
     assert plain(tmp_path, **extra).notes == (
         "columns that are not used: label, filter_3dx, semantic_0",
@@ -180,7 +184,7 @@ def test_unknown_columns_are_named(tmp_path):
 
 
 def test_written_ply_keeps_the_mark(tmp_path):
-    """By the comment that splat-transform reads; files of unmarked scenes are as they were."""
+    """write_ply states the mark by splat-transform's comment; unmarked scenes get no comment."""
     scene = random_scene(3, 1)
     for antialiased in (True, False):
         path = tmp_path / "scene.ply"
@@ -191,13 +195,14 @@ def test_written_ply_keeps_the_mark(tmp_path):
 
 
 def view(antialiased: bool, name: str) -> tuple:
+    """A scene of 20 Gaussians with or without the mark, and a camera."""
     scene = replace(random_scene(20, 0), antialiased=antialiased, mark="a test", name=name)
     return scene, look_at([0, 0, -6.0], [0, 0, 0.0], 64, 48, 60.0, [0, 1.0, 0])
 
 
 @pytest.mark.parametrize("antialiased", [True, False])
 def test_joined_scenes_keep_the_mark(antialiased):
-    """That of the scenes in view; those behind the camera are never drawn."""
+    """Scenes in view decide the mark; the scene behind the camera is never drawn."""
     behind = view(not antialiased, "behind")[0]
     joined, _ = side_by_side([view(antialiased, "a"), view(antialiased, "b")], behind)
     assert mark(joined) == (antialiased, "a test") and len(joined) == 60
@@ -212,6 +217,7 @@ def test_joined_scenes_of_different_marks(first):
 
 
 def test_scenes_of_scenes_keep_the_mark():
+    """Concatenating, slicing and cutting harmonics keep the mark."""
     marked = view(True, "a")[0]
     assert mark(together(marked, marked)) == (True, "a test")
     assert mark(marked[:3]) == mark(marked.with_sh_degree(0)) == (True, "a test")
@@ -219,6 +225,7 @@ def test_scenes_of_scenes_keep_the_mark():
 
 @pytest.mark.parametrize("antialiased", [True, False])
 def test_packed_models_keep_the_mark(antialiased):
+    """The mark survives in the bytes of the packed model."""
     model = pack(view(antialiased, "a")[0], DEFAULT)[0]
     again = PackedModel(model.image, "again")
     assert again.antialiased == again.gaussians().antialiased == antialiased

@@ -1,4 +1,4 @@
-"""Camera files: cameras.json, transforms.json, COLMAP; choice of one camera; malformed files."""
+"""Camera files (cameras.json, transforms.json, COLMAP): reading, choice of a camera, bad files."""
 
 import json
 import struct
@@ -15,7 +15,7 @@ from tb.helpers.scenes import needs_scenes, scene_path
 
 
 def check_equal(camera: Camera, expected: Camera, name: str) -> None:
-    """Intrinsics exactly, the pose within rounding."""
+    """Compare intrinsics exactly and the pose within rounding."""
     for field in ("width", "height", "fx", "fy", "cx", "cy"):
         assert getattr(camera, field) == getattr(expected, field), field
     assert np.abs(camera.rotation - expected.rotation).max() < 1e-12
@@ -24,7 +24,7 @@ def check_equal(camera: Camera, expected: Camera, name: str) -> None:
 
 
 def write(folder, files: object, name: str = "cameras.json") -> str:
-    """Writes a JSON value or a dict of files of bytes; the path to read."""
+    """Write a JSON value, or files given as a dict name → bytes; return the path to read."""
     if isinstance(files, dict) and all(isinstance(data, bytes) for data in files.values()):
         folder.mkdir(parents=True, exist_ok=True)
         for file, data in files.items():
@@ -55,7 +55,7 @@ def test_transforms(tmp_path):
 
 
 def test_transforms_fields_of_view(tmp_path):
-    """instant-ngp's form: angles for focal lengths, three rows, no principal point."""
+    """instant-ngp's form: angles instead of focal lengths, matrices of three rows, no cx and cy."""
     value = transforms()
     for key in ("cx", "cy", "camera_model"):
         del value[key]
@@ -71,7 +71,7 @@ def test_transforms_fields_of_view(tmp_path):
 
 
 COLMAP = [colmap_text(), colmap_text("SIMPLE_PINHOLE"), colmap_binary(), colmap_binary(0)]
-COLMAP += [colmap_text("OPENCV") | colmap_binary()]  # binary is preferred
+COLMAP += [colmap_text("OPENCV") | colmap_binary()]  # if both exist, binary is read
 
 
 @pytest.mark.parametrize("parent", ["", "0", "sparse/0"])
@@ -84,7 +84,7 @@ def test_colmap(tmp_path, files, parent):
 
 
 def test_one_camera(tmp_path):
-    """By nothing, id, image name, file name or its stem; colons in paths and ids."""
+    """The first by default, else by ID, image name, file name or stem; colons in paths and IDs."""
     path = write(tmp_path, inria())
     assert read_camera(path).name == "4"
     for camera_id in ("7", "view 7.png", "view 7"):
@@ -112,7 +112,7 @@ def test_unknown_camera(tmp_path):
 
 
 def _bytes(files: dict[str, bytes], name: str, old: bytes, new: bytes) -> dict[str, bytes]:
-    """COLMAP files with bytes of one of them replaced."""
+    """COLMAP files with one byte string in one of them replaced."""
     assert old in files[name]
     return files | {name: files[name].replace(old, new, 1)}
 
@@ -197,7 +197,7 @@ def test_bad_file(tmp_path, message):
 
 @needs_scenes
 def test_real_files():
-    """The photographs' cameras look at the points that COLMAP found; each scene has its cameras."""
+    """Over half of COLMAP's points project into each photograph; every scene's file is read."""
     cameras = read_cameras(scene_path("banana/sparse/0"))
     assert len(cameras) == 14 and {(c.width, c.height) for c in cameras} == {(1000, 665)}
     assert [c.name for c in read_cameras(scene_path("banana"))] == [c.name for c in cameras]

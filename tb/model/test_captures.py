@@ -1,4 +1,4 @@
-"""Captures as tools leave them: folders, lines of points, sizes and names of photographs."""
+"""Captures as tools write them: folder layouts, point lines, sizes and names of photographs."""
 
 import struct
 
@@ -18,12 +18,12 @@ COUNT = len(EXPECTED)
 PINHOLE = [510.0, 500.0, 320.0, 240.0]  # fx, fy, cx, cy of lenses below
 
 FOLDERS = ["", "0", "sparse", "sparse/0", "colmap", "colmap/sparse", "colmap/sparse/0"]
-"""Places of a COLMAP model: image_undistorter writes `sparse`, nerfstudio `colmap/sparse/0`."""
+"""Folders with a COLMAP model: image_undistorter writes `sparse`, nerfstudio `colmap/sparse/0`."""
 
 
 @pytest.mark.parametrize("place", FOLDERS)
 def test_folders(tmp_path, place):
-    """Cameras, points and photographs of one folder, wherever its COLMAP model is."""
+    """Cameras, points and photographs are found wherever the capture keeps its COLMAP model."""
     colmap(tmp_path / "capture" / place, colmap_binary())
     photographs(tmp_path / "capture")
     assert len(read_cameras(tmp_path / "capture")) == COUNT
@@ -42,7 +42,7 @@ def test_a_folder_with_transforms(tmp_path, name):
 
 
 def test_a_folder_with_both(tmp_path):
-    """COLMAP's cameras go with COLMAP's points; nerfstudio turns those of its transforms.json."""
+    """COLMAP's cameras are read: they match COLMAP's points, while nerfstudio rotates its own."""
     colmap(tmp_path / "colmap" / "sparse" / "0", colmap_binary())
     transforms_file(tmp_path, transforms())
     photographs(tmp_path)
@@ -68,7 +68,7 @@ WRONG = {
 @pytest.mark.parametrize("wrong", WRONG)
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_lines_of_points(tmp_path, wrong, end):
-    """A line of images.txt that should be a list of points is not skipped whatever it holds."""
+    """The second line of each image in images.txt must be a point list; it is not just skipped."""
     files = colmap_text()
     text = WRONG[wrong](files["images.txt"].decode()).replace("\n", end)
     colmap(tmp_path / "sparse", files | {"images.txt": text.encode()})
@@ -77,7 +77,7 @@ def test_lines_of_points(tmp_path, wrong, end):
 
 
 def test_lines_without_points(tmp_path):
-    """Empty lines, and none after the last image, are lists of no points."""
+    """A point list may be empty, missing at the end of the file, or contain NaN."""
     files = colmap_text()
     text = files["images.txt"].decode().replace("1.5 2.5 -1 3.5 4.5 9", " 1e-3 nan -1 \t")
     colmap(tmp_path, files | {"images.txt": text.rstrip().encode()})
@@ -109,7 +109,7 @@ def test_size_of_the_photographs(tmp_path):
 
 
 def test_size_of_the_picture(tmp_path):
-    """Without photographs a field of view needs the picture's size only; pixels need their own."""
+    """Without photographs, --size is enough for a field of view, but not for values in pixels."""
     path = transforms_file(tmp_path, blender())
     camera = read_camera(str(path), (200, 100))
     assert (camera.width, camera.height, camera.cx) == (200, 100, 100)
@@ -134,7 +134,7 @@ def test_size_in_the_photographs_pixels(tmp_path):
 
 @pytest.mark.parametrize("kind", ["transforms", "colmap"])
 def test_backslashes(tmp_path, kind):
-    """They are slashes where no file has such a name."""
+    """A backslash in a name means a slash if no file has that name."""
     photographs(tmp_path)
     names = [f"view {camera.name}.png" for camera in EXPECTED]
     if kind == "transforms":
@@ -164,7 +164,7 @@ def test_a_backslash_in_a_name(tmp_path):
 
 
 def test_one_photograph_by_two_names(tmp_path):
-    """It counts once, whatever its spelling."""
+    """Different spellings of one path are one photograph."""
     photographs(tmp_path)
     table = transforms()
     frame = table["frames"][0]
@@ -177,7 +177,7 @@ def test_one_photograph_by_two_names(tmp_path):
 
 
 def test_large_cameras(tmp_path):
-    """A camera of any size goes with a small photograph; sizes that are none name their file."""
+    """A large camera is scaled to a small photograph; an invalid size is refused with its file."""
     files = lens("PINHOLE", 7425.0, 7425.0, 4752.0, 3168.0)
     size, large = struct.pack("<QQ", 640, 480), struct.pack("<QQ", 9504, 6336)
     colmap(tmp_path / "sparse", {k: v.replace(size, large) for k, v in files.items()})
@@ -195,7 +195,7 @@ def test_large_cameras(tmp_path):
 
 
 def test_large_photographs(tmp_path, monkeypatch):
-    """Photographs have no largest size, not even that of the library which decodes them."""
+    """Photographs may exceed PIL's pixel limit, which stays unchanged."""
     colmap(tmp_path / "sparse", colmap_binary())
     photographs(tmp_path, (640, 480))
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 640 * 48)

@@ -1,4 +1,4 @@
-"""Chunks: order, grid, octants, offsets, checked against plain integers."""
+"""Chunks of a packed model: order, grid, octants, offsets, against plain integers."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from splatcore.spec.packed import grid_points, offsets
 
 COUNTS = [1, 2, CHUNK - 1, CHUNK, CHUNK + 1, 5 * CHUNK + 7]
 BITS = [15, 9]
-"""Of an offset that are stored: of all models, of small ones."""
+"""Stored bits per offset: 15, in small models 9."""
 
 
 def points(kind: str, count: int) -> np.ndarray:
@@ -40,8 +40,8 @@ def test_positions_come_back_within_half_a_step(kind, count, bits):
     position = points(kind, count)
     chunks = chunk_positions(position, bits)
     assert sorted(chunks.order) == list(range(count))
-    of = np.arange(count) // CHUNK
-    step = np.ldexp(1.0, chunks.exponent + chunks.shift[of] + STORED_BITS - bits)
+    chunk = np.arange(count) // CHUNK
+    step = np.ldexp(1.0, chunks.exponent + chunks.shift[chunk] + STORED_BITS - bits)
     grid = np.ldexp(1.0, chunks.exponent)
     least = grid * 2 ** (STORED_BITS - bits)
     error = np.abs(unpacked(chunks) - position[chunks.order])
@@ -52,7 +52,7 @@ def test_positions_come_back_within_half_a_step(kind, count, bits):
 
 @pytest.mark.parametrize("bits", BITS)
 def test_offsets_by_plain_integers(bits):
-    """The formula of spec.memory, Gaussian by Gaussian."""
+    """Positions follow the formula of spec.memory, evaluated per Gaussian."""
     chunks = chunk_positions(points("wide", 600), bits)
     back = unpacked(chunks)
     for place in range(600):
@@ -70,6 +70,7 @@ def test_offsets_by_plain_integers(bits):
 
 @pytest.mark.parametrize("bits", BITS)
 def test_fields_fit(bits):
+    """Every stored field fits its width, for all kinds of point clouds."""
     for kind in ("cloud", "equal", "far", "outlier", "wide"):
         chunks = chunk_positions(points(kind, 700), bits)
         assert len(chunks.origin) == chunk_count(700)
@@ -107,7 +108,7 @@ def test_morton_order(rows):
 
 
 def test_neighbours_share_a_chunk():
-    """Morton order is worth its name: chunks of a cube of points are small."""
+    """Morton order keeps neighbours together: chunks of a unit cube span less than 0.4."""
     position = np.random.default_rng(0).uniform(size=(64 * CHUNK, 3))
     ordered = position[chunk_positions(position).order].reshape(-1, CHUNK, 3)
     assert np.median(np.ptp(ordered, axis=1)) < 0.4

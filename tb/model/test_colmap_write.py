@@ -1,4 +1,4 @@
-"""A COLMAP model as it is written: byte for byte as COLMAP documents it, and read again."""
+"""Written COLMAP models: byte by byte against COLMAP's documentation, and read back."""
 
 import struct
 from dataclasses import replace
@@ -19,7 +19,7 @@ POINTS = np.array([[1.0, 3, 3], [0, 0, 1]]), np.array([[1, 2, 3], [255, 0, 9]], 
 
 
 def test_the_documented_layout(tmp_path):
-    """COLMAP's "Output Format", Binary File Format; numbers are little-endian."""
+    """The bytes follow "Binary File Format" in COLMAP's "Output Format", little-endian."""
     images = [(FIRST, "a.png"), (OTHER, "b/c.png"), (SECOND, "d.png")]
     write_colmap(tmp_path, images, POINTS, [np.array([0, 1]), np.array([1]), np.array([], int)])
     cameras = struct.pack("<Q", 2)
@@ -40,7 +40,7 @@ def test_the_documented_layout(tmp_path):
 
 
 def test_our_reader(tmp_path):
-    """Intrinsics and translations to the bit, rotations to the last bits of a quaternion."""
+    """Reading back gives equal intrinsics and translations, and rotations within 1e-15."""
     rng = np.random.default_rng(0)
     turns = Rotation.random(50, rng=rng).as_matrix()
     cameras = [
@@ -61,7 +61,7 @@ def test_our_reader(tmp_path):
 
 
 def test_a_matrix_that_is_nearly_a_rotation(tmp_path):
-    """Points are where the camera that is read shows them, not where the matrix would."""
+    """Observations match the rotation in the file, not the inexact matrix that was given."""
     rough = replace(FIRST, rotation=np.array([[1, 1e-4, 0], [0, 1, 0], [0, 0, 1.0001]]))
     write_colmap(tmp_path, [(rough, "a")], POINTS, [np.array([0, 1])])
     ((camera, _),) = read_colmap(tmp_path)
@@ -73,7 +73,7 @@ def test_a_matrix_that_is_nearly_a_rotation(tmp_path):
 
 
 def test_where_points_land():
-    """In the middle of a picture, and in the middle of its first pixel, which COLMAP calls ½, ½."""
+    """The centre of the picture, and the centre of its first pixel, which COLMAP calls (½, ½)."""
     camera = look_at(np.array([1.0, -2, -5]), np.array([1.0, -2, 0]), 8, 6, 10.0)
     place = landing(camera, np.array([[1.0, -2, 0], [1 - 3.5 * 0.5, -2 - 2.5 * 0.5, 0]]))
     assert place == pytest.approx(np.array([[4, 3], [0.5, 0.5]]))

@@ -1,5 +1,5 @@
-"""Finite numbers of any size in any field of any format: `info`, packing, reference, golden model,
-cycles: they render the Gaussians, or leave them out and count them."""
+"""Extreme finite numbers in any field of any format: `info`, packing, reference, golden model and
+cycle model render each Gaussian, or drop and count it."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ VALUES = (3.4e38, 1e30, 1e20, 1e10, 700.0, 88.0, 44.0, 1e-38, 1e-45)
 
 
 def check(scene: Scene):
-    """All engines take the scene; each Gaussian is in the model or counted as left out."""
+    """Run all engines on the scene; each Gaussian must be in the model or counted as dropped."""
     assert describe(Source("scene", scene))["gaussians"] == len(scene)
     gaussians = scene.gaussians()
     sensible_view(gaussians, 32, 24)
@@ -51,7 +51,7 @@ def check(scene: Scene):
         for name in ("position", "factor", "opacity", "sh"):
             assert np.isfinite(getattr(drawn, name)).all(), name
         render(drawn, camera(32, 24))
-        if 0 < np.abs(drawn.position).max(initial=0) < 1 / 512:  # the camera is too far off
+        if 0 < np.abs(drawn.position).max(initial=0) < 1 / 512:  # the camera is too far away
             with pytest.raises(InputError, match="512 times the scene's size"):
                 render_golden(TINY, model, camera(32, 24))
             continue
@@ -69,7 +69,7 @@ def test_any_field(name, count):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_mixed():
-    """Numbers of all fields of any magnitude."""
+    """Random magnitudes in all fields at once."""
     rng = np.random.default_rng(0)
     for _ in range(20):
         scene = ball(60)
@@ -117,7 +117,7 @@ def test_spz(tmp_path, version, byte):
 
 
 def stretched(section: dict, low: float, high: float) -> dict:
-    """A section of meta.json with `low` and `high` among its values or at the ends of them."""
+    """A section of meta.json with `low` and `high` in its codebook or as its bounds."""
     if "codebook" in section:
         return section | {"codebook": [low, high, *section["codebook"][2:]]}
     lists = isinstance(section["mins"], list)
@@ -131,7 +131,7 @@ def stretched(section: dict, low: float, high: float) -> dict:
 @pytest.mark.parametrize("version", (1, 2))
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_sog(tmp_path, version, name):
-    """Bounds, codebooks; labels of all values are in `tb/model/test_sog.py`."""
+    """Extreme bounds and codebooks; `tb/model/test_sog.py` has extreme labels."""
     images, meta = sog_codes(40, 1, 8), sog_meta(version, 40, 1)
     for image in images.values():
         image[0, :2, :3] = [[0], [255]]
@@ -143,7 +143,7 @@ def test_sog(tmp_path, version, name):
 @pytest.mark.parametrize("group", range(3))
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_compressed_ply(tmp_path, group):
-    """Bounds of positions, log scales or colours, on one axis or three."""
+    """Extreme bounds of positions, log scales or colours, on one axis or three."""
     rng = np.random.default_rng(0)
     packed = rng.integers(0, 1 << 32, (40, 4), np.uint32)
     packed[:2] = [[0], [2**32 - 1]]
@@ -166,12 +166,12 @@ def test_numbers_beyond_float32_are_left_out_and_counted():
 
 
 def notes(name: str, value: float, count: int) -> str:
-    """The notes on a scene with extreme numbers."""
+    """The notes on packing a scene in which `count` Gaussians have extreme numbers."""
     return "; ".join(pack(with_extremes(ball(60), name, value, count))[1].notes)
 
 
 def test_what_is_lost_is_named():
-    """With counts, by every command that packs."""
+    """The notes of the packing report name each kind of loss, with its count."""
     assert pack(ball(60))[1].notes == []
     assert notes("position", 1e30, 1).startswith("1 Gaussians far outside of the scene")
     assert "brought nearer" in notes("position", 1e30, 1)

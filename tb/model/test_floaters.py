@@ -1,4 +1,4 @@
-"""Floaters: chunks of their own after padding; nothing is lost; other scenes keep their bytes."""
+"""Floaters are packed into chunks of their own: none is lost, and other scenes keep their bytes."""
 
 from dataclasses import replace
 
@@ -24,8 +24,8 @@ from tb.helpers.scenes import GAUSSIANS, REAL, scene_path
 
 FORMAT = step_format(DEFAULT, 3)
 
-COST_MAX = 0.5  # dB
-ENOUGH = 70.0  # dB; beyond, the steps of the floaters' own offsets show
+COST_MAX = 0.5  # dB that floaters may cost the rest of the scene
+ENOUGH = 70.0  # dB; above it the steps of the floaters' own offsets dominate
 
 CHECKSUMS = {
     "garden": 493263259,
@@ -34,10 +34,11 @@ CHECKSUMS = {
     "leica-sofort-top8192.ply": 284906373,
     "luma-seal.splat": 1331454711,
 }
-"""Checksums of faithful models as they were before floaters had chunks of their own."""
+"""Checksums of faithful models without floaters, which the rule for floaters must not change."""
 
 
 def packing_db(scene: Scene, **options) -> float:
+    """PSNR in dB of the packed model against the scene, both by the reference renderer."""
     view = camera(320, 180)
     pair = (g.gaussians() for g in (pack(scene, **options)[0], scene))
     a, b = (render(gaussians, view).pixels / 255 for gaussians in pair)
@@ -49,6 +50,7 @@ def packing_db(scene: Scene, **options) -> float:
 @pytest.mark.parametrize("distance", (6.0, 30.0, 1e4, 1e6, 2.1e7, 1e15, 3e38))
 @pytest.mark.parametrize("floaters, count", ((1, 199), (1, 2000), (2, 2000), (20, 2000)))
 def test_floaters_cost_next_to_nothing(floaters, count, distance, axes):
+    """A scene with floaters packs as well as without them, within COST_MAX."""
     scene = strewn(ball(count + floaters), floaters, distance, axes)
     near = np.abs(scene.position).max(1) <= 1
     least = packing_db(scene[near], quality="faithful") - COST_MAX
@@ -58,7 +60,7 @@ def test_floaters_cost_next_to_nothing(floaters, count, distance, axes):
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("count", (40, 255, 256, 257, 511, 512, 1000))
 def test_nothing_is_lost_and_chunks_are_full(count, quality):
-    """Each Gaussian is stored once; copies only fill the last chunk before the floaters."""
+    """Each Gaussian is stored once; padding only fills the last chunk before the floaters."""
     scene = strewn(ball(count + 2), 2, 1e3, 3)
     model, report = pack(scene, quality=quality)
     stored = stored_scene(scene, model.format)
@@ -79,7 +81,7 @@ def test_nothing_is_lost_and_chunks_are_full(count, quality):
 
 
 def test_padding_is_hardly_seen():
-    """The model against itself with the padding taken out: a sixth of a code at most, mostly 0."""
+    """Padding changes no pixel by as much as an 8-bit code, and almost no pixel at all."""
     scene = strewn(ball(700), 1, 1e6, 3)
     model, _ = pack(scene, quality="faithful")
     own = ~stored_scene(scene, model.format).chunks.padding
@@ -90,10 +92,11 @@ def test_padding_is_hardly_seen():
     marked = replace(scene, antialiased=True)
     model, _ = pack(marked, quality="faithful")
     a, b = (render(g, view).image for g in (model.gaussians(), model.gaussians()[own]))
-    assert (a == b).all(), "compensation takes all of what has no area"
+    assert (a == b).all(), "compensation removes splats without area"
 
 
 def test_floaters_leave_the_grid_as_fine_as_float32():
+    """The floater moves nearer along its direction, so that it does not coarsen the grid."""
     scene = ball(600)
     position = scene.position.copy()
     position[7] = 1e30, -1e30, 3
@@ -109,7 +112,7 @@ def test_floaters_leave_the_grid_as_fine_as_float32():
 
 
 def test_a_floater_brought_nearer_looks_the_same():
-    """Its picture, from a camera in the scene."""
+    """A camera within the scene sees the moved floater where, and as large as, it was."""
     scene = ball(600)
     position, scale = scene.position.copy(), scene.scale.copy()
     position[7], scale[7] = (1e8, -2e8, 1e9), 2e7
@@ -123,7 +126,7 @@ def test_a_floater_brought_nearer_looks_the_same():
 
 
 def test_far_floaters_leave_near_ones_in_place():
-    """They share a chunk: a camera in the scene sees neither shift by 1/256 radian."""
+    """They share a chunk, yet a camera in the scene sees the near one shift by under 1/256 rad."""
     position = ball(600).position
     position[7], position[8] = (0.123, 0.777, 6.111), (1e12, -1e12, -1e12)
     scene = replace(ball(600), position=position)
@@ -137,6 +140,7 @@ def test_far_floaters_leave_near_ones_in_place():
 
 
 def test_the_edges_of_the_rule():
+    """find_floaters just inside and outside its limits: GAP, SHARE, FAR, tiny scenes."""
     rng = np.random.default_rng(0)
     position = rng.uniform(-1, 1, (640, 3))
     position[0] = 0.999
@@ -193,6 +197,7 @@ def test_large_gaussians_are_clipped_so_that_others_keep_their_shape():
 
 
 def test_absolute_positions_take_floaters_within_their_floats():
+    """PAPER stores absolute FP16 positions: floaters move into their range and stay finite."""
     scene = strewn(ball(600), 2, 1e9, 3)
     model, report = pack(scene, PAPER)
     assert report.moved == 2 and np.isfinite(model.position).all()

@@ -1,7 +1,7 @@
-"""Mutated files of scenes, models, cameras: readers give a sound result or an InputError, no more.
+"""Fuzzing of all file readers: a mutated file gives a sound result or an InputError.
 
-A longer campaign, which names the file it is at should the interpreter die:
-`python -m tb.model.test_fuzz COUNT SEED`.
+`python -m tb.model.test_fuzz COUNT SEED` runs a longer campaign. It prints each round's number
+first, which is the round to look at if the interpreter crashes.
 """
 
 import gzip
@@ -63,8 +63,8 @@ KINDS = [*FILES]
 
 
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:
-    """One to four of: bits flipped, cut off, bytes inserted or removed, parts swapped, a number or
-    a field of the first bytes replaced by an extreme one.
+    """Apply one to four mutations: flip a bit, cut the end off, insert or remove bytes, swap or
+    repeat parts, put an extreme value into a field of the header or in place of a number.
     """
     for _ in range(rng.integers(1, 5)):
         size = max(len(data), 1)
@@ -111,7 +111,7 @@ def mutated_json(value: object, rng: np.random.Generator) -> object:
 
 
 def mutated_files(kind: str, rng: np.random.Generator) -> Files:
-    """A valid file of a kind, mutated outside or, where there is one, inside its container."""
+    """Valid files of a kind, one of them mutated as stored or inside its gzip, zip or JSON."""
     files = dict(FILES[kind])
     name = [*files][rng.integers(len(files))]
     data, inside = files[name], rng.random() < 0.6
@@ -135,9 +135,9 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
 
 
 def check(kind: str, files: Files, folder: Path) -> str:
-    """Reads the files; the outcome "read" or "refused" if it is sound."""
+    """Read the files; return "read" or "refused" if result or message is sound."""
     for name, data in files.items():
-        (folder / name).unlink(missing_ok=True)  # some file systems flush what is overwritten
+        (folder / name).unlink(missing_ok=True)  # some file systems flush overwritten files
         (folder / name).write_bytes(data)
     path = folder / next(iter(files)) if len(files) == 1 else folder
     try:
@@ -161,7 +161,7 @@ def check(kind: str, files: Files, folder: Path) -> str:
 
 
 def attempt(index: int, seed: int, folder: Path) -> tuple[str, str]:
-    """Round `index` of the campaign `seed`: kind of file and outcome."""
+    """Run round `index` of the campaign `seed`; return kind of file and outcome."""
     rng = np.random.default_rng((seed, index))
     kind = KINDS[index % len(KINDS)]
     return kind, check(kind, mutated_files(kind, rng), folder)
@@ -176,14 +176,15 @@ def test_unmutated(tmp_path, kind):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
 def test_mutated(tmp_path):
-    """Thousands of broken files, of which each kind has some that read and many that do not."""
+    """No reader breaks; of each kind some mutated files are read and some refused."""
     outcomes = Counter(attempt(index, 1, tmp_path) for index in range(ROUNDS))
     for kind in KINDS:
         assert outcomes[kind, "read"] and outcomes[kind, "refused"], kind
 
 
 def main(rounds: int, seed: int) -> None:
-    """A campaign by hand; prints each outcome's count, and where it is before each round."""
+    """Run a campaign: print each round's number as it starts, and at the end the outcomes'
+    counts."""
     outcomes = Counter()
     with tempfile.TemporaryDirectory() as folder:
         for index in range(rounds):

@@ -1,4 +1,4 @@
-"""The garden and the registry of generated scenes."""
+"""Generated scenes: the garden's shapes, light and statistics, and the registry of all scenes."""
 
 import numpy as np
 import pytest
@@ -25,6 +25,7 @@ def part_of(scene, name):
 
 @pytest.mark.parametrize("count", [1, 2, 7, 13, 100, 1_234, 20_000, 70_001])
 def test_count_and_contract(count):
+    """Exactly `count` Gaussians, all finite, positive and normalised."""
     scene = garden(count)
     assert len(scene) == count and scene.sh_degree == 1
     for name in ARRAYS:
@@ -63,7 +64,7 @@ def test_share_out():
 
 
 def test_scales_shrink_with_the_count():
-    """A surface of four times the splats has splats of about half the size."""
+    """With four times the splats on a surface, each is about half as large."""
     coarse, fine = garden(8_000), garden(32_000)
     for name in ("ground", "path", "bird_bath", "tree", "sky"):
         sizes = [np.median(np.sort(part_of(s, name).scale)[:, 1]) for s in (coarse, fine)]
@@ -71,7 +72,7 @@ def test_scales_shrink_with_the_count():
 
 
 def test_frame_of_the_scene():
-    """y down: the ground is near y = 0, what stands on it has negative y; objects are near."""
+    """y points down: ground near y = 0, objects at negative y and close, the sky far away."""
     scene = garden()
     ground = part_of(scene, "ground").position
     near = np.linalg.norm(ground, axis=1) < 6
@@ -95,14 +96,14 @@ def test_statistics_like_a_trained_scene():
 
 
 def test_sheen():
-    """Glossy things have degree-1 SH, the sky none; water looks brightest towards the sun."""
+    """Glossy parts have degree-1 SH, sky and soil none; water is brighter towards the sun."""
     scene = garden()
     assert not part_of(scene, "sky").sh[:, 1:].any()
     water = part_of(scene, "bird_bath")[-60:]
     leaf, soil = part_of(scene, "tree"), part_of(scene, "ground")
     strength = [np.abs(s.sh[:, 1:]).mean() for s in (water, leaf, soil)]
     assert strength[0] > 2 * strength[1] > 0 and strength[2] == 0
-    mirror = SUN * [-1, 1, -1]  # where level water sends the sun
+    mirror = SUN * [-1, 1, -1]  # direction of the sun's reflection in level water
     d = -mirror  # from the viewer to the water; basis (−y, z, −x)
     gain = np.einsum("a,nac->nc", [-d[1], d[2], -d[0]], water.sh[:, 1:]) * 0.4886
     assert 0.05 < gain.mean() < 0.5
@@ -110,7 +111,7 @@ def test_sheen():
 
 @pytest.mark.parametrize("count, bound", [(2_000, 0.1), (20_000, 0.1), (60_000, 0.15)])
 def test_no_holes(count, bound):
-    """From inside, in all directions, ground and sky leave no black."""
+    """Ground and sky cover every pixel, in all directions from the camera."""
     gaussians = garden(count).gaussians()
     camera = scenes.garden_camera(96, 54)
     frame = render(gaussians, camera)
@@ -123,7 +124,7 @@ def test_no_holes(count, bound):
 
 
 def test_the_picture():
-    """Blue above green, with red, yellow and white flowers: what the camera is there to show."""
+    """The garden's camera shows a blue sky above green ground, with poppies and marigolds."""
     image = np.clip(render(garden(20_000).gaussians(), scenes.garden_camera(240, 135)).image, 0, 1)
     red, green, blue = np.moveaxis(image, 2, 0)
     top, bottom = slice(0, 20), slice(100, 135)
@@ -144,6 +145,7 @@ def test_quaternions_of_frames():
 
 
 def test_refine_keeps_the_shape():
+    """Splitting a Gaussian gives the wanted count and keeps the extent of the whole."""
     rng = np.random.default_rng(2)
     frame = frames(random_directions(rng, 1), random_directions(rng, 1))
     one = splats(np.zeros((1, 3)), np.array([0.5, 0.2, 0.05]), frame, 0.8, np.full(3, 0.5))
@@ -155,7 +157,7 @@ def test_refine_keeps_the_shape():
 
 
 def test_shadow():
-    """Below an opaque sheet it is dark, beside and above it is not."""
+    """Below an opaque sheet it is dark; next to the sheet and above it, it is not."""
     rng = np.random.default_rng(3)
     x, z = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41))
     sheet = np.stack([x.ravel(), -1 + rng.uniform(-0.03, 0.03, x.size), z.ravel()], axis=1)
@@ -165,14 +167,14 @@ def test_shadow():
     part = splats(position, np.array([0.05, 0.05, 0.002]), aim, 0.9, np.full(3, 0.5), leafy=0.0)
     light = garden_light.transmittance(part, UP, cell=0.2, bias=0.1)
     assert light[-3] < 0.02 and np.allclose(light[-2:], 1)
-    clear = np.hypot(sheet[:, 0], sheet[:, 2]) > 0.5  # of the third probe's shadow
-    assert np.allclose(light[: x.size][clear], 1)  # nothing shades itself
+    clear = np.hypot(sheet[:, 0], sheet[:, 2]) > 0.5  # outside the third probe's shadow
+    assert np.allclose(light[: x.size][clear], 1)  # no splat shades itself
     shown = garden_light.sh_coefficients(part)[:, 0]
     assert (shown[-3] < shown[-2] - 0.2).all()
 
 
 def test_projected_area():
-    """Against the determinant of the covariance projected onto the plane."""
+    """Area from the formula against the determinant of the projected covariance."""
     rng = np.random.default_rng(4)
     aim = frames(random_directions(rng, 50), random_directions(rng, 50))
     scale = np.exp(rng.uniform(-4, 0, (50, 3)))

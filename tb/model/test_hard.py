@@ -1,4 +1,4 @@
-"""Every hard case really sits on its corner."""
+"""Every hard case really has the property that makes it hard."""
 
 import warnings
 
@@ -37,7 +37,7 @@ BALANCED_DB = {
     "swinging_harmonics": 22, "clamped_harmonics": 28, "at_the_poles": 36, "at_the_camera": 30,
     "outlying_coefficient": 30, "mixed_degrees": 33, "zero_bands": 35,
 }  # fmt: skip
-"""dB against the scene that at most two beats a Gaussian keep at least."""
+"""Minimum PSNR in dB against the scene of `balanced` models: at most two beats per Gaussian."""
 
 
 @pytest.fixture
@@ -64,14 +64,14 @@ def on_screen(case: HardCase) -> np.ndarray:
     return np.stack([c.fx * x / z + c.cx - 0.5, c.fy * y / z + c.cy - 0.5], axis=1)
 
 
-def most_in_a_tile(case: HardCase, which: np.ndarray) -> int:
-    """Number of the centres `which` that lie in the fullest tile."""
-    tile = np.floor((on_screen(case)[which] + 0.5) / TILE).astype(int)
+def most_in_a_tile(case: HardCase, chosen: np.ndarray) -> int:
+    """Number of `chosen` centres in the fullest tile."""
+    tile = np.floor((on_screen(case)[chosen] + 0.5) / TILE).astype(int)
     return np.unique(tile, axis=0, return_counts=True)[1].max()
 
 
 def ratio(case: HardCase, axis: int) -> np.ndarray:
-    """The longest scale over the one of rank `axis`, [N]."""
+    """Ratio [N] of the largest scale to the scale of rank `axis`."""
     scale = np.sort(case.scene.scale, axis=1)[:, ::-1]
     return scale[:, 0] / scale[:, axis]
 
@@ -82,6 +82,7 @@ def test_all_cases_are_there():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_renders_and_repeats(name):
+    """A case is small, renders finite pictures, and depends on the seed alone."""
     case, again, other = HARD[name](0), HARD[name](0), HARD[name](1)
     for array in ARRAYS:
         first, second = getattr(case.scene, array), getattr(again.scene, array)
@@ -128,7 +129,7 @@ def test_equal_depths(case):
     assert most_in_a_tile(case, same) >= 2_000
     image = rendered(case).image
     backwards = HardCase(case.scene[::-1], case.camera, case.about)
-    assert np.abs(rendered(backwards).image - image).max() > 0.01  # storage order shows
+    assert np.abs(rendered(backwards).image - image).max() > 0.01  # storage order decides
 
 
 def test_long_list(case):
@@ -191,7 +192,7 @@ def test_opacity_edge(case):
 
 
 def test_transmittance_edge(case):
-    """The T after four layers lies at 1e-4 or beside it; the fifth would go far below."""
+    """After four layers T is 1e-4 or within 1 % of it; a fifth would take it far below."""
     centre = on_screen(case)
     assert np.array_equal(centre, np.rint(centre))
     alpha = case.scene.opacity.reshape(5, -1)
@@ -298,6 +299,7 @@ def test_zero_bands(case):
 
 @pytest.mark.parametrize("name", HARMONICS)
 def test_packing_keeps_to_its_bound(name):
+    """PSNR of faithful and balanced packing meets each harmonics case's bound."""
     case = HARD[name](0)
     whole = rendered(case)
     for quality, least in (("faithful", case.packing_db), ("balanced", BALANCED_DB[name])):
@@ -307,7 +309,7 @@ def test_packing_keeps_to_its_bound(name):
 
 
 def over_the_sphere(case: HardCase) -> np.ndarray:
-    """Colours [N, 64, 3] of a case's Gaussians seen along random directions, not clamped."""
+    """Unclamped colours [N, 64, 3] of a case's Gaussians along random directions."""
     rays = np.random.default_rng(0).normal(size=(64, 3))
     basis = harmonics(rays / np.linalg.norm(rays, axis=1, keepdims=True), 3)
     return np.einsum("dk,nkc->ndc", basis, case.scene.sh) + COLOUR_OFFSET

@@ -1,4 +1,4 @@
-"""Every hard case of antialiased scenes really sits on its corner."""
+"""Every hard case of antialiased scenes really has the property that makes it hard."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ def test_names():
 
 
 def factors(case: HardCase) -> np.ndarray:
-    """Share [M] of its opacity that each visible splat keeps, and of how many nothing is seen."""
+    """Share [M] of its opacity that compensation leaves to each splat that stays visible."""
     whole, _ = project(replace(case.scene, antialiased=False).gaussians(), case.camera)
     splats, _ = project(case.scene.gaussians(), case.camera)
     assert case.scene.antialiased and len(splats) <= len(whole)
@@ -51,7 +51,7 @@ def test_antialiased_edge_on():
     kept = factors(case)
     assert kept.min() < 0.1 and np.allclose(case.scene.scale[:, 0] / case.scene.scale[:, 2], 1e5)
     splats, _ = project(replace(case.scene, antialiased=False).gaussians(), case.camera)
-    assert len(kept) < 0.6 * len(splats)  # of those that are exactly edge-on nothing is seen
+    assert len(kept) < 0.6 * len(splats)  # exactly edge-on flakes vanish
 
 
 def test_antialiased_whole():

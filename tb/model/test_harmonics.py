@@ -1,4 +1,4 @@
-"""Harmonics of every format and degree against the formats' definitions; degrees not held.
+"""Harmonics of every format and degree against the formats' definitions; wrong degrees refused.
 
 Sources: `GaussianModel.save_ply` of 3DGS; playcanvas/splat-transform (`decompressPly`); README and
 `load-spz.cc` of nianticlabs/spz; PlayCanvas's "The SOG Format". The writers and decoders here share
@@ -25,20 +25,20 @@ from tb.helpers.scene_file import check_bad_scene, read_written
 from tb.helpers.scenes import GAUSSIANS, needs_scenes, random_scene, scene_path
 
 COUNT = 300
-"""More Gaussians than one byte of a SOG label tells apart, in more than one chunk."""
+"""Enough for SOG labels of two bytes, and for more than one chunk."""
 
 SOG_VERSIONS = ("sog 1", "sog 2")
 KINDS = ("ply", "compressed ply", "spz 1", "spz 2", "spz 3", "spz 4", *SOG_VERSIONS)
 
 DIRECTIONS = np.random.default_rng(9).normal(size=(40, 3))
-"""More than 16: harmonics whose colours agree in all of them have the same coefficients."""
+"""More than 16: equal colours along all of them imply equal coefficients."""
 
 HEADER_END = b"end_header\n"
 
 
 def written(kind: str, degree: int) -> tuple[bytes, np.ndarray]:
-    """A file of random harmonics, and the coefficients [N, K, 3] that they are by its definition,
-    in the axes of the file.
+    """A file of random harmonics, and their coefficients [N, K, 3] by the format's definition, in
+    the file's axes.
     """
     rng = np.random.default_rng(degree)
     codes = rng.integers(0, 256, (COUNT, (degree + 1) ** 2 - 1, 3), np.uint8)
@@ -61,7 +61,7 @@ def written(kind: str, degree: int) -> tuple[bytes, np.ndarray]:
 
 
 def _sog(version: int, codes: np.ndarray, rng: np.random.Generator) -> tuple[bytes, np.ndarray]:
-    """A SOG file whose palette has a centroid for each Gaussian, in an order of its own."""
+    """A SOG file whose palette has one centroid per Gaussian, in random order."""
     images = scene_file.sog_codes(COUNT, 0, 20)
     meta = scene_file.sog_meta(version, COUNT, 0)
     coefficients = codes.shape[1]
@@ -84,8 +84,8 @@ def _sog(version: int, codes: np.ndarray, rng: np.random.Generator) -> tuple[byt
 
 
 def check_same_colours(name: str, scene: Scene, values: np.ndarray) -> None:
-    """In every direction the harmonics of `scene` give the colour that the file's own coefficients
-    give in the file's axes: those of PLY, but SPZ has y up and z back.
+    """Compare colours along all directions: from the scene's harmonics, and from the file's
+    coefficients in the file's axes (PLY's axes, but SPZ has y up and z back).
     """
     turn = (1, -1, -1) if "spz" in name else (1, 1, 1)
     assert scene.sh[:, 1:].shape == values.shape
@@ -105,7 +105,7 @@ def test_colours_are_those_of_the_file(tmp_path, kind, degree):
 
 
 def misstated(kind: str, held: int, claim: int) -> bytes:
-    """A file that says it holds the harmonics of one degree and holds those of another."""
+    """A file whose header claims SH degree `claim` and whose data has degree `held`."""
     data, other = written(kind, held)[0], written(kind, claim)[0]
     if "ply" in kind:
         return other.partition(HEADER_END)[0] + HEADER_END + data.partition(HEADER_END)[2]
@@ -122,6 +122,7 @@ def misstated(kind: str, held: int, claim: int) -> bytes:
 @pytest.mark.parametrize("held, claim", [(0, 1), (0, 3), (1, 2), (2, 3), (3, 1), (2, 1), (3, 2)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_degree_not_held_is_refused(tmp_path, kind, held, claim):
+    """A header that contradicts the data is an error, not a scene of wrong colours."""
     field = {"ply": "'vertex'", "compressed ply": "'sh'", "sog 1": "shN", "sog 2": "shN"}
     message = field.get(kind, f"300 Gaussians of SH degree {claim}")
     if claim < held and ("ply" in kind or kind in ("spz 1", "spz 2", "spz 3")):

@@ -1,4 +1,4 @@
-"""Scenes side by side: where they stand, what stays, which Gaussians are kept; the command."""
+"""Scenes side by side: placement, unchanged properties, choice of Gaussians, and the command."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ VIEWS = list(zip((LEFT, RIGHT), CAMERAS, strict=True))
 
 
 def test_each_in_its_column():
-    """The middle of each core is √2 times as far as from its own camera, in pixels of that one."""
+    """Each core is centred in its half, at √2 times its own camera's depth over focal length."""
     joined, camera = side_by_side(VIEWS)
     assert np.array_equal(camera.rotation, CAMERAS[0].rotation) and camera.fx == 100
     for k, (scene, own) in enumerate(VIEWS):
@@ -45,7 +45,7 @@ def test_each_in_its_column():
 
 
 def test_in_view():
-    """Within the picture, and beyond the near plane."""
+    """Counts Gaussians within the picture and beyond the near plane."""
     camera = Camera(160, 90, 100.0, 100.0, 80.0, 45.0, np.eye(3), np.zeros(3))
     place = np.array(
         [[0, 0, 1], [0.79, -0.44, 1], [0, 0, 0.1], [0, 0, -1], [0.81, 0, 1], [0, 0.46, 1]]
@@ -54,7 +54,7 @@ def test_in_view():
 
 
 def test_nothing_is_turned():
-    """All but places stay, and these but for one step; coefficients that a scene lacks are 0."""
+    """Scenes are only shifted, each by one vector; coefficients that a scene lacks are 0."""
     joined, _ = side_by_side(VIEWS, BEHIND)
     assert joined.sh_degree == 2 and len(joined) == 900
     for k, scene in enumerate((LEFT, RIGHT, BEHIND)):
@@ -67,6 +67,7 @@ def test_nothing_is_turned():
 
 
 def test_behind_is_not_seen():
+    """A scene behind the camera changes neither the camera nor the picture."""
     odd = BEHIND[:5]
     odd = replace(odd, position=odd.position * [np.nan, 1, 1])
     unseen = Scene(*(np.concatenate([getattr(s, n) for s in (BEHIND, odd)]) for n in ARRAYS))
@@ -83,7 +84,7 @@ def test_behind_is_not_seen():
     ("count", "sizes"), [(900, (300, 300, 300)), (700, (300, 300, 100)), (301, (150, 151, 0))]
 )
 def test_count(count, sizes):
-    """What is behind goes first; of the rest all give alike, from everywhere."""
+    """The scene behind loses Gaussians first, then all others equally, evenly over each scene."""
     joined, _ = side_by_side(VIEWS, BEHIND, count)
     ends = np.cumsum(sizes)
     for scene, part in zip((LEFT, RIGHT, BEHIND), np.split(joined.opacity, ends), strict=False):

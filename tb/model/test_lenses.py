@@ -1,4 +1,4 @@
-"""Lenses of captures: pinholes by every name, and distortion by every name, which is refused."""
+"""Lenses of captures: pinholes under any name are read, distortion under any name is refused."""
 
 import json
 
@@ -16,7 +16,7 @@ LENSES = {
     "SIMPLE_PINHOLE": 0, "PINHOLE": 0, "SIMPLE_RADIAL": 1, "RADIAL": 2, "OPENCV": 4,
     "FULL_OPENCV": 8, "FOV": 1, "SIMPLE_DIVISION": 1, "DIVISION": 1,
 }  # fmt: skip
-"""Models that are pinholes without distortion → their coefficients."""
+"""Models that are pinholes if all distortion is 0 → number of distortion coefficients."""
 
 ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_DIVISION")
 
@@ -39,7 +39,7 @@ def test_lenses_of_colmap(tmp_path, files, model):
 
 @pytest.mark.parametrize("beta", [1.0, 0.5])
 def test_unified_camera_model(tmp_path, beta):
-    """alpha is the distortion; beta does nothing without it."""
+    """alpha is the distortion; beta has no effect if alpha is 0."""
     colmap(tmp_path / "0", lens("EUCM", *PINHOLE, 0.0, beta))
     assert read_cameras(tmp_path)[0].fx == PINHOLE[0]
     colmap(tmp_path / "1", lens("EUCM", *PINHOLE, 0.5, beta))
@@ -56,7 +56,7 @@ FISHEYES = {
 
 @pytest.mark.parametrize("model, count", FISHEYES.items())
 def test_lenses_that_are_no_pinholes(tmp_path, model, count):
-    """A fisheye lens is none even without distortion."""
+    """A fisheye lens is refused even if its distortion is 0."""
     colmap(tmp_path, lens(model, *[500.0] * 2, *[0.0] * (count - 2)))
     check_refused(read_cameras, tmp_path, f"camera 4: model {model} is not supported")
 
@@ -78,7 +78,7 @@ DISTORTED = [
 
 @pytest.mark.parametrize("value", DISTORTED, ids=lambda value: next(iter(value)))
 def test_distortion(tmp_path, value):
-    """Of the whole file or of a frame, by any name; nothing but zeros is a pinhole."""
+    """In the file or in a frame, under any name; only zeros are a pinhole."""
     (name,) = value
     path = transforms_file(tmp_path, transforms() | value)
     check_refused(read_cameras, path, f"frame 0: {name!r} is not 0")
@@ -92,7 +92,7 @@ def test_distortion(tmp_path, value):
 
 
 def test_frame_without_distortion(tmp_path):
-    """What a frame says goes before what the file says; other names are no distortion."""
+    """A frame's values override the file's; unrelated names are not taken for distortion."""
     table = transforms() | {"k1": 0.1, "is_undistorted": True, "keep": 1, "scale": 2, "p": "a"}
     for frame in table["frames"]:
         frame |= {"k1": 0, "camera_model": "FULL_OPENCV", "distortion": None}

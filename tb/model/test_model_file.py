@@ -1,4 +1,4 @@
-"""Files of packed models: coded ones hold every bit, broken ones are refused, within their size."""
+"""Model files: coding is lossless, broken files are refused before they take much memory."""
 
 import tracemalloc
 
@@ -59,7 +59,7 @@ def test_every_bit_comes_back(count, quality, degree):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_mixed_chunks(seed):
-    """Chunks with and without harmonics of each layout."""
+    """Chunks with and without harmonics, of all layouts, in one model."""
     rng, count = np.random.default_rng(seed), 1500
     packed = model(count, 3, rng.integers(0, 4, chunk_count(count)))
     assert len(set(packed.chunks["harmonics"])) > 1
@@ -73,7 +73,7 @@ def test_absolute_positions():
 
 
 def test_files(tmp_path):
-    """What is written is the smaller one, and both kinds are read."""
+    """The smaller of the coded and the plain file is written; both kinds are read."""
     for packed, small in ((model(), True), (palette(), True), (model(0), False)):
         for plain in (False, True):
             path = tmp_path / "m.splatcore"
@@ -85,7 +85,7 @@ def test_files(tmp_path):
 
 
 def test_bytes_between_parts():
-    """A model whose filling bytes are not zeros stays uncoded, and as it is."""
+    """A model with padding bytes that are not zero is stored plain, so that none is lost."""
     packed = model(1001)
     image, layout = packed.image.copy(), packed.layout
     assert layout.colours - layout.attributes > len(packed) * 3 * 16
@@ -101,8 +101,8 @@ def with_checksum(image: np.ndarray) -> PackedModel:
 
 
 def plain_columns(data: bytes) -> list[tuple[int, int, list[int]]]:
-    """Each column's back, previous and stored codes, by plain integers, of a model of compact
-    columns: widths as `spec.memory` has them."""
+    """Decode the columns of a compact model by plain integers, with the widths of `spec.memory`;
+    return (back, previous, stored codes) per column."""
     chunk = [40] * 3 + [5] * 3 + [8] * 3 + [16] + [9] * 7 + [2] + [4] * 4
     attribute = [15] * 3 + [16] * 3 + [8, 7, 6, 7, 7]
     found, at = [], 70
@@ -118,7 +118,8 @@ def plain_columns(data: bytes) -> list[tuple[int, int, list[int]]]:
     return found
 
 
-def test_the_format_is_that_of_the_text():
+def test_columns_as_documented():
+    """A decoder written from the documentation alone finds the model's codes."""
     packed = model(700, 1, "compact")
     found = plain_columns(encode(packed))
     widths = {22: 15, 23: 15, 24: 15, 31: 8, 32: 7}  # x, y, z, opacity, the first of colours
@@ -134,6 +135,7 @@ def test_the_format_is_that_of_the_text():
 
 
 def test_differences_and_sums():
+    """summed() inverts difference(), for all widths and predictions."""
     rng = np.random.default_rng(1)
     for width in (1, 5, 8, 9, 16, 17, 40, 64):
         top = (1 << width) - 1
@@ -148,6 +150,7 @@ def test_differences_and_sums():
 
 
 def test_copies_of_rows():
+    """distances() finds repeated rows, places() restores them; bad distances give None."""
     rows = np.array([[1, 2], [3, 4], [1, 2], [1, 2], [5, 6], [3, 4], [5, 6]], np.uint8)
     distance, stored = coded.distances(rows)
     assert distance.tolist() == [0, 0, 2, 2, 0, 2, 1]
@@ -166,7 +169,7 @@ def test_copies_and_differences_make_files_smaller():
 
 
 def refused(data: bytes, expected: PackedModel) -> str:
-    """The message of a file that is refused; "" for one that holds the model nevertheless."""
+    """The message if a file is refused; "" if it still decodes to the expected model."""
     try:
         found = PackedModel(decode(data, "a.splatcore"), "a.splatcore")
     except InputError as error:
@@ -188,13 +191,14 @@ def test_cut_files():
 
 @pytest.mark.parametrize("quality", ("small", "compact", "faithful"))
 def test_flipped_bits(quality):
+    """Any flipped bit is refused or harmless; in the headers it is always refused."""
     packed = model(300, 1, quality)
     data, rng = encode(packed), np.random.default_rng(2)
     places = [*range(8 * BEGIN), *rng.integers(8 * BEGIN, 8 * len(data), 200)]
     for place in places:
         damaged = bytearray(data)
         damaged[place // 8] ^= 1 << place % 8
-        if place >= 32:  # else it is no such file
+        if place >= 32:  # without its magic number it is another kind of file
             assert refused(bytes(damaged), packed) or place >= 8 * BEGIN
 
 
@@ -237,7 +241,7 @@ def test_distances_beyond_the_first_row():
     packed = palette(300)
 
     def compress(part: bytes) -> bytes:
-        """All distances, the only columns of 300 rows of which the lowest byte may be 0, up."""
+        """Replace each byte 1 by 201, so that distances point before the first row."""
         return zstd(bytes(byte + 200 if byte == 1 else byte for byte in part))
 
     assert "distance: is beyond the first row" in refused(encode(packed, compress), packed)

@@ -1,4 +1,4 @@
-"""Notes on Gaussians of any format: bright, transparent, not finite."""
+"""Notes on odd Gaussians of any format: too bright, transparent, not finite."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def notes_of(tmp_path, scene: Scene) -> tuple[str, ...]:
 
 @pytest.mark.parametrize("degree", range(4))
 def test_colours_that_saturate(tmp_path, degree):
-    """From 8 on, in any channel: of the constant coefficient alone, or seen from one side."""
+    """Colours of 8 or more in any channel, from the constant term alone or along one direction."""
     scene = random_scene(20, degree)
     scene.sh[3, 0, 1] = 7.51 / C0
     scene.sh[4, 0, 2] = 30
@@ -38,7 +38,7 @@ def test_colours_that_saturate(tmp_path, degree):
 
 
 def test_bright_sides_by_brute_force(tmp_path):
-    """The count of Gaussians that are 8 or brighter from some of many random directions."""
+    """The count in the note, against the brightest of 2,000 random directions."""
     scene = random_scene(3000, 3)
     scene.sh[...] *= np.random.default_rng(1).uniform(0, 8, (3000, 1, 1))
     direction = np.random.default_rng(2).normal(size=(2000, 3))
@@ -46,7 +46,7 @@ def test_bright_sides_by_brute_force(tmp_path):
     brightest = colour.max(axis=(1, 2))
     (note,) = notes_of(tmp_path, scene)
     found = int(note.split()[0])
-    # Of 200 directions the nearest is at most 8° from the brightest one.
+    # One of 2,000 directions is almost surely within 8° of the brightest one.
     assert (brightest > 8.4).sum() <= found <= (brightest > 7.9).sum()
     assert (brightest > 8).sum() > 300
 

@@ -1,4 +1,4 @@
-"""Views on the path of cameras: their places, their target, refused arguments."""
+"""Views on the path of given cameras: positions, target, gaps, bad arguments."""
 
 from dataclasses import replace
 
@@ -19,11 +19,11 @@ from splatcore.spec.error import InputError
 CENTRE, RADIUS, HEIGHT = np.array([1.0, -2.0, 3.0]), 4.0, 1.5
 MIDDLE = np.array([9.0, 9.0, 9.0])
 UPRIGHT = np.eye(3)
-TILTED = np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])  # a scene's frame need not be upright
+TILTED = np.array([[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])  # a scene's axes need not be upright
 
 
 def ring(count: int, frame: np.ndarray = UPRIGHT) -> list:
-    """Cameras round CENTRE that look at it from above, in a turned frame."""
+    """Cameras around CENTRE that look at it from above, in a rotated frame."""
     found = []
     for angle in 2 * np.pi * np.arange(count) / count + 0.3:
         eye = CENTRE + frame @ [RADIUS * np.sin(angle), -HEIGHT, RADIUS * np.cos(angle)]
@@ -38,7 +38,7 @@ def directions(views) -> np.ndarray:
 @pytest.mark.parametrize("frame", [UPRIGHT, TILTED])
 @pytest.mark.parametrize("cameras", [2, 3, 5, 7])
 def test_on_the_circle(cameras, frame):
-    """Every view is one of the cameras, turned about the point they look at."""
+    """Each view is one of the cameras, rotated about the point that all look at."""
     given = ring(5, frame)[:cameras] if cameras < 5 else ring(cameras, frame)
     assert np.allclose(looked_at(given, MIDDLE), CENTRE, atol=0.02)
     assert np.allclose(upright(given), frame @ [0, -1, 0], atol=2e-3)
@@ -56,6 +56,7 @@ def test_on_the_circle(cameras, frame):
 
 
 def test_all_round_and_never_where_a_camera_is():
+    """Views go all round, and keep GAP to the direction of each given camera."""
     given = ring(4)
     views = orbiting_views(given, CENTRE, 48, 0.05, 1.05)
     away = np.array([view.position for view in views]) - CENTRE
@@ -66,7 +67,7 @@ def test_all_round_and_never_where_a_camera_is():
 
 
 def test_rise_and_distance():
-    """Bounds are kept, and nearly reached."""
+    """Rise and distance keep their bounds, and nearly reach them."""
     views = orbiting_views(ring(3), CENTRE, 60, 0.2, 1.25)
     away = np.array([view.position for view in views]) - CENTRE
     distance = np.linalg.norm(away, axis=1)
@@ -77,7 +78,7 @@ def test_rise_and_distance():
 
 
 def test_outward():
-    """Fewer views near the cameras' own rise than where rises are even, in the same bounds."""
+    """`outward` moves views away from the cameras' own rise, within the same bounds."""
 
     def rises(outward: bool) -> np.ndarray:
         views = [
@@ -95,26 +96,26 @@ def test_outward():
 
 
 def test_beside_the_path():
-    """Every camera once in each way: so far off about what they look at, up and down in turns, or
-    at another distance."""
+    """Each camera gives one view of each kind: rotated about the target, up and down in turn, or
+    nearer, or farther."""
     given = ring(5)
-    there = views_beside(given, MIDDLE)
-    assert list(there) == ["5 degrees", "15 degrees", "nearer", "farther"]
+    views = views_beside(given, MIDDLE)
+    assert list(views) == ["5 degrees", "15 degrees", "nearer", "farther"]
     for name, (angle, away) in BESIDE.items():
         rises = []
-        for camera, view in zip(given, there[name], strict=True):
+        for camera, view in zip(given, views[name], strict=True):
             before, after = camera.position - CENTRE, view.position - CENTRE
-            far, there_far = np.linalg.norm(before), np.linalg.norm(after)
-            assert there_far == pytest.approx(away * far, rel=0.01)
-            assert before @ after / far / there_far == pytest.approx(np.cos(angle), abs=1e-3)
-            assert np.allclose(view.rotation[2] * there_far, -after, atol=0.05)  # looks there
+            old, new = np.linalg.norm(before), np.linalg.norm(after)
+            assert new == pytest.approx(away * old, rel=0.01)
+            assert before @ after / old / new == pytest.approx(np.cos(angle), abs=1e-3)
+            assert np.allclose(view.rotation[2] * new, -after, atol=0.05)  # looks at CENTRE
             rises.append(after[1] < before[1])
         if angle:
             assert rises == [True, False, True, False, True] or rises == [False, True] * 2 + [False]
 
 
 def test_one_camera_looks_at_the_middle():
-    """A single camera's point is the nearest to the middle on its axis, and −y is up."""
+    """A single camera's target is the point of its axis nearest to the middle; −y is up."""
     (camera,) = ring(1)
     middle = CENTRE + 0.5 * camera.rotation[2] + 0.3 * camera.rotation[1]
     centre = looked_at([camera], middle)
@@ -123,7 +124,7 @@ def test_one_camera_looks_at_the_middle():
 
 
 def test_cameras_everywhere_leave_room():
-    """The gap narrows if cameras stand closer than it; no endless search."""
+    """The gap narrows if the cameras are denser than GAP, so the search ends."""
     given = ring(200)
     views = orbiting_views(given, CENTRE, 8, 0.0, 1.0)
     between = np.arccos(np.clip(directions(views) @ directions(given).T, -1, 1))
@@ -140,7 +141,7 @@ def test_the_same_seed_the_same_views():
 
 
 def test_where_cameras_look_past_each_other():
-    """Axes that do not meet: the point nearest to all of them."""
+    """If the axes do not meet, the target is the point nearest to all of them."""
     one, other = ring(4)[:2]
     other = replace(other, translation=other.translation - other.rotation @ [0, 0.2, 0])
     centre = looked_at([one, other], CENTRE)

@@ -1,4 +1,4 @@
-"""Packing: every bit by plain integers, what is dropped, sizes, errors, damaged files."""
+"""Packing: every bit against plain integers, dropped Gaussians, sizes, errors, damaged files."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ BYTES_MAX = 22
 
 
 def bits(image: np.ndarray, byte: int, offset: int, width: int) -> int:
-    """`width` bits at bit `offset` behind byte `byte`, as a plain integer."""
+    """`width` bits from bit `offset` of byte `byte` on, as a plain integer."""
     word = int.from_bytes(image[byte : byte + (offset + width + 7) // 8 + 8].tobytes(), "little")
     return word >> offset & (1 << width) - 1
 
@@ -34,16 +34,16 @@ def signed(code: int, width: int) -> int:
 
 
 def half_float(code: int) -> float:
-    """FP16's fields without its infinities: the highest exponent is one more binade."""
+    """Decode FP16 without infinities: the highest exponent is one more binade."""
     exponent, fraction = code >> 10 & 31, code & 1023
     value = (fraction + 1024 * (exponent > 0)) * 2.0 ** (max(exponent, 1) - 25)
     return -value if code >> 15 else value
 
 
 def plain_unpack(image: np.ndarray, n: int):
-    """Gaussian n of a DEFAULT model of degree 1, bit by bit from the text of spec.memory."""
+    """Decode Gaussian n of a DEFAULT model of degree 1, bit by bit as spec.memory documents it."""
     count, small = bits(image, 0, 64, 32), bits(image, 0, 63, 1)
-    exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]  # of degrees 0, 1
+    exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]
     align = lambda value: -(-value // 64) * 64  # noqa: E731
     chunks = 64
     positions = chunks + align(32 * -(-count // 256))
@@ -131,9 +131,8 @@ def test_close_to_the_scene(count, degree):
 
 
 def test_small_models_are_as_close_as_their_steps():
-    """L within a fifteenth of its largest element, opacities within an eighth of an octave, or at
-    the end of their range a quarter, positions within a 2^-10 of their chunk's span; colours are a
-    compact model's."""
+    """L within 1/15 of its largest element, opacities within 1/8 octave (1/4 at the end of their
+    range), positions within 2^-10 of their chunk's span; colours as in a compact model."""
     scene = cloud(2, count=3000, degree=1)
     colours, slopes = appearance(scene)
     books = quantise(colours, (7, 6), COMPONENT), quantise(slopes, (7, 7), SLOPE, largest=-3)
@@ -187,6 +186,7 @@ def test_what_cannot_be_seen_is_dropped_and_counted():
 @pytest.mark.parametrize("degree", [0, 1])
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=lambda config: config.name)
 def test_size(preset, degree):
+    """Codebooks have the documented size, and models at most BYTES_MAX bytes per Gaussian."""
     model, report = pack(cloud(4, count=4000, degree=degree), preset)
     assert report.codebook_bytes == model_format(preset, degree).codebook_bytes <= CODEBOOK_MAX
     assert report.bytes == len(model.image)
@@ -212,13 +212,14 @@ def test_degrees():
 
 
 def test_few_colours_are_kept_to_the_entry():
-    """No more distinct vectors than entries: only the rounding of entries is left."""
+    """With no more distinct colours than entries, only the entries' rounding is lost."""
     scene = cloud(7, count=100)
     _, report = pack(scene)
     assert report.colour_rms < 2.0**-10
 
 
 def test_stages_of_a_codebook():
+    """Each further stage reduces the mean squared error at least threefold."""
     vectors = np.random.default_rng(0).normal(size=(5000, 3))
     errors = []
     for stages in ((4,), (4, 4), (4, 4, 4)):
@@ -236,7 +237,7 @@ def test_slopes_and_back():
 
 
 def test_needles_keep_their_thickness():
-    """Σ of axis ratio 1e6 has none of the thin axis left in float64; its factor has."""
+    """At axis ratio 1e6, Σ in float64 loses the thin axis; its factor L keeps it."""
     scene = cloud(8, count=200)
     scene.scale[:] = [1.0, 1e-6, 1e-6]
     factor = scene.gaussians().factor
@@ -249,18 +250,19 @@ def test_needles_keep_their_thickness():
 
 
 def test_chunk_headers_are_bounds():
+    """Headers bound positions and reach of their Gaussians, the reach within 1 %."""
     scene = cloud(9, count=10_000)
     model, _ = pack(scene)
     chunks, gaussians = model.chunks, model.gaussians()
-    of = np.arange(len(model)) // CHUNK
+    chunk = np.arange(len(model)) // CHUNK
     exponent = HEADER["position_exponent"].decode(model.header["position_exponent"])
     step = np.ldexp(1.0, int(exponent[0]))
-    low = chunks["origin"][of] * step
-    side = (chunks["extent"][of] + 1.0) * 256 * 2.0 ** chunks["shift"][of] * step
+    low = chunks["origin"][chunk] * step
+    side = (chunks["extent"][chunk] + 1.0) * 256 * 2.0 ** chunks["shift"][chunk] * step
     assert (gaussians.position >= low).all() and (gaussians.position < low + side).all()
     sigma = np.linalg.svd(gaussians.factor, compute_uv=False)[:, 0]
     reach = sigma * np.sqrt(2 * np.log(255 * gaussians.opacity))
-    assert (chunks["reach"][of] >= reach * (1 - 1e-12)).all()
+    assert (chunks["reach"][chunk] >= reach * (1 - 1e-12)).all()
     largest = np.maximum.reduceat(reach, np.arange(0, len(model), CHUNK))
     assert (chunks["reach"] <= 1.01 * largest).all()
 

@@ -1,4 +1,4 @@
-"""Photographs and points of structure from motion: what is read, and what is refused."""
+"""Photographs and points from structure from motion: reading, scaling, refusing bad files."""
 
 import json
 import shutil
@@ -73,7 +73,7 @@ def test_no_images(folder):
 
 
 def test_another_size(folder):
-    """A larger photograph of the same view has a larger camera; another aspect is refused."""
+    """A photograph of another size scales its camera; another aspect ratio is refused."""
     Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(folder / "images" / "a.png")
     found = read_photographs(folder)
     assert (found.targets[0].camera.width, found.targets[0].camera.fx) == (16, 20)
@@ -101,7 +101,7 @@ def test_sixteen_bits_of_grey(folder):
 
 
 def test_a_photograph_of_two_cameras(folder):
-    """It counts once: it must not be learned from and judged by."""
+    """It counts once, so that it cannot be both trained on and held out."""
     path = folder / "sparse" / "0" / "images.txt"
     path.write_text(path.read_text() + f"9 {POSE} 1 a.png\n\n")
     names = [target.name for target in read_photographs(folder).targets]
@@ -109,7 +109,7 @@ def test_a_photograph_of_two_cameras(folder):
 
 
 def test_orientation_is_as_stored(folder):
-    """COLMAP does not turn a photograph by its EXIF orientation."""
+    """EXIF orientation is ignored, as in COLMAP."""
     image = Image.fromarray(np.zeros((6, 8, 3), np.uint8))
     exif = image.getexif()
     exif[0x0112] = 6
@@ -167,7 +167,7 @@ def test_points(folder):
 
 def test_broken_points(folder):
     path = folder / "sparse" / "0" / "points3D.bin"
-    for data, what in (
+    for data, message in (
         (points(), "holds no points"),
         (points((1, 2, float("nan"), (0, 0, 0))), "point 0 is not finite"),
         (points((1, 2, 3, (0, 0, 0)), count=2), "is cut off"),
@@ -175,7 +175,7 @@ def test_broken_points(folder):
         (b"12", "is cut off"),
     ):
         path.write_bytes(data)
-        with pytest.raises(InputError, match=rf"points3D.bin: {what}"):
+        with pytest.raises(InputError, match=rf"points3D.bin: {message}"):
             read_points(folder)
     path.unlink()
     text = path.with_suffix(".txt")

@@ -1,4 +1,4 @@
-"""PLY scenes: every layout, order and type; compressed PLY; malformed files."""
+"""PLY scenes: any layout, order and type reads alike; compressed PLY; malformed files."""
 
 import os
 
@@ -15,11 +15,11 @@ from tb.helpers.scene_file import CHUNK_BOUNDS, ply_bytes, ply_columns, read_wri
 from tb.helpers.scenes import GAUSSIANS, needs_scenes, random_scene, scene_path
 
 FLOAT32_BOUND = 1e-6
-"""Relative error that float32 leaves in a scale or an opacity (measured 7e-7 at most)."""
+"""Bound on float32's relative error in a scale or an opacity (measured: at most 7e-7)."""
 
 
 def check_equal(scene: Scene, expected: Scene) -> None:
-    """Positions, quaternions and SH exactly as float32; scale and opacity after exp and sigmoid."""
+    """Compare positions, quaternions and SH exactly as float32, scale and opacity nearly."""
     for name in ("position", "quaternion", "sh"):
         stored = getattr(expected, name).astype(np.float32).astype(np.float64)
         assert np.array_equal(getattr(scene, name), stored), name
@@ -32,7 +32,7 @@ def check_equal(scene: Scene, expected: Scene) -> None:
 @pytest.mark.parametrize("form", scene_file.FORMATS)
 @pytest.mark.parametrize("extra", [False, True])
 def test_any_layout_reads_alike(tmp_path, degree, form, extra):
-    """Shuffled properties, ASCII and both byte orders, normals and unknown properties."""
+    """Shuffled, unknown and normal columns, ASCII and both byte orders: always the same scene."""
     expected = random_scene(5, degree)
     columns = ply_columns(expected)
     types = {}
@@ -69,7 +69,7 @@ def test_written_scene_reads_back(tmp_path, degree):
 
 
 def test_written_extremes_are_finite(tmp_path):
-    """Zero scales, opacities of 0 and 1: finite in the file, as close as float32 allows."""
+    """Zero scales and opacities of 0 and 1 are finite in the file, as close as float32 allows."""
     scene = random_scene(2, 0)
     scene = Scene(scene.position, scene.scale * 0, scene.quaternion, np.array([0, 1]), scene.sh)
     write_ply(tmp_path / "scene.ply", scene)
@@ -81,7 +81,7 @@ def test_written_extremes_are_finite(tmp_path):
 
 
 def test_odd_gaussians_are_noted(tmp_path):
-    """NaN, Inf and quaternions without a direction are read and counted."""
+    """NaN, Inf and quaternions without direction are read, and counted in notes."""
     columns = ply_columns(random_scene(6, 0))
     columns["x"][0], columns["scale_1"][1], columns["f_dc_2"][1] = np.nan, np.inf, np.nan
     for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
@@ -113,7 +113,7 @@ def _unpacked(word: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
 
 @pytest.mark.parametrize("coloured", [True, False])
 def test_compressed(tmp_path, coloured):
-    """PlayCanvas's format from its description; without bounds of colours as old files are."""
+    """PlayCanvas's format against its description; old files have no bounds of colours."""
     count = 600
     bounds, packed = _compressed(count)
     sh = np.zeros((count, 0), np.uint8)
@@ -196,7 +196,7 @@ def test_bad_file(tmp_path, message):
 
 
 def test_bad_path(tmp_path):
-    """A missing file, a folder, a pipe, an impossible name, a file of no known format."""
+    """A missing file, a folder, a pipe, an impossible name and an unknown format are refused."""
     (tmp_path / "text.ply").write_text("hello")
     os.mkfifo(tmp_path / "pipe.ply")
     for name, message in [
@@ -224,13 +224,13 @@ NOTES = {
     "guitar.compressed.ply": (f"550 {FAINT}",),
     "st-peter.sog": (f"2083 {FAINT}",),
 }
-MARKS = {"kitchen.spz": (True, "SPZ flag")}  # of the real files
+MARKS = {"kitchen.spz": (True, "SPZ flag")}  # marks of the real files
 
 
 @needs_scenes
 @pytest.mark.parametrize("name", GAUSSIANS)
 def test_real_file(name):
-    """Every real file opens with the count and degree that its folder states."""
+    """Every real file has the count, degree, notes and mark recorded here."""
     scene = read_scene(scene_path(name))
     assert (len(scene), scene.sh_degree) == GAUSSIANS[name]
     assert scene.notes == NOTES.get(name, ()) and scene.name == str(scene_path(name))

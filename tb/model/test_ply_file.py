@@ -26,7 +26,7 @@ def scene_of(tmp_path, data: bytes) -> Scene:
 
 
 def rows(form: str, lengths: tuple[int, ...]) -> bytes:
-    """Faces: a list of corners, a flag, and a list of two weights."""
+    """Rows of faces: a list of corners, a flag, and a list of two weights."""
     if form == "ascii":
         words = [[n, *range(n), 7, 2, 0.5, 0.5] for n in lengths]
         return b"".join(" ".join(map(str, row)).encode() + b"\n" for row in words)
@@ -56,7 +56,7 @@ def with_faces(form: str, lengths: tuple[int, ...], before: bool) -> bytes:
 @pytest.mark.parametrize("lengths", [(), (3,) * 50, (3, 4, 3, 1, 5), (3, 3, 3, 3, 4)])
 @pytest.mark.parametrize("form", FORMS)
 def test_lists_outside_of_vertex_are_skipped(tmp_path, form, lengths, before):
-    """None, all alike, and of different lengths."""
+    """No lists, lists of one length, and lists of different lengths."""
     plain = scene_of(tmp_path, ply_bytes({"vertex": COLUMNS}, form))
     scene = scene_of(tmp_path, with_faces(form, lengths, before))
     assert np.array_equal(scene.position, plain.position) and np.array_equal(scene.sh, plain.sh)
@@ -98,7 +98,7 @@ def test_comments_are_free_text(tmp_path, form, comment):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_more_rows_than_the_header_says(tmp_path, form):
-    """Behind the last element: noted. Where others follow they would begin at wrong places."""
+    """Surplus rows at the end are noted; before another element they are refused."""
     data = ply_bytes({"vertex": COLUMNS}, form)
     scene = scene_of(tmp_path, data.replace(b"element vertex 4", b"element vertex 3"))
     note = "the header says 3 Gaussians, the file holds 4"
@@ -130,7 +130,7 @@ def test_more_rows_in_a_compressed_ply(tmp_path):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_names_in_upper_case(tmp_path, form):
-    """`F_REST_*` were dropped without a word."""
+    """Names match in any case (`F_REST_*` used to be dropped silently); exact ones come first."""
     expected = scene_of(tmp_path, ply_bytes({"vertex": COLUMNS}, form))
     for change in (str.upper, lambda name: name.replace("f_rest", "F_REST")):
         columns = {change(name): column for name, column in COLUMNS.items()}
@@ -146,7 +146,7 @@ def test_names_in_upper_case(tmp_path, form):
 @pytest.mark.parametrize("kind", ["uchar", "uint", "float"])
 @pytest.mark.parametrize("rest", [False, True])
 def test_plain_colours(tmp_path, kind, rest):
-    """nerfstudio's mode rgb: red, green, blue in place of f_dc."""
+    """nerfstudio's rgb mode: columns red, green, blue in place of f_dc."""
     values = np.random.default_rng(0).integers(0, 256, (4, 3))
     kept = {n: c for n, c in COLUMNS.items() if "f_dc" not in n and (rest or "f_rest" not in n)}
     whole = {"uchar": 255, "uint": 2**32 - 1, "float": 1}[kind]

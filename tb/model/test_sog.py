@@ -21,7 +21,7 @@ def read(tmp_path, data: bytes):
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_every_image(tmp_path, version):
-    """Each Gaussian by the formulas of the format, one at a time; 17 in images of 4×5 pixels."""
+    """Each Gaussian decoded by the format's formulas, one at a time: 17 in images of 4×5 pixels."""
     count, width = 17, 5
     codes, meta = sog_codes(count, 0, width), sog_meta(version, count, 0)
     codes["sh0"].reshape(-1, 4)[:count, 3] |= 4  # none is transparent
@@ -52,7 +52,7 @@ def test_every_image(tmp_path, version):
 
 
 def test_quaternions(tmp_path):
-    """Rotations of known quaternions survive: packed here as the format says."""
+    """Rotations of known quaternions, packed here by the format's description, come back."""
     count = 512
     quaternion = random_scene(count, 0).quaternion
     codes = sog_codes(count, 0, 32)
@@ -67,7 +67,7 @@ def test_quaternions(tmp_path):
 
 
 def test_missing_alpha_is_opaque(tmp_path):
-    """An encoder drops an alpha of 255 throughout; so do images without alpha."""
+    """Images without alpha are opaque: encoders drop an alpha channel of only 255."""
     codes = sog_codes(4, 0, 4)
     codes["quats"][..., 3] = 255
     codes["sh0"] = codes["sh0"][..., :3].copy()
@@ -77,7 +77,7 @@ def test_missing_alpha_is_opaque(tmp_path):
 
 
 def test_null_at_the_start_of_a_codebook(tmp_path):
-    """A fault of early writers, mended as PlayCanvas's engine does."""
+    """A fault of early writers, repaired as in PlayCanvas's engine."""
     codes, meta = sog_codes(4, 0, 4), sog_meta(2, 4, 0)
     book = meta["sh0"]["codebook"] = [None, *np.linspace(-1, 1, 255).tolist()]
     codes["sh0"][...] = 0
@@ -87,12 +87,12 @@ def test_null_at_the_start_of_a_codebook(tmp_path):
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_labels_without_a_centroid(tmp_path, version):
-    """Harmonics of 0 and a note; all others as before. Version 1 has 128 centroids here."""
+    """They give zero harmonics and a note, others stay. Version 1 has 128 centroids here."""
     codes, meta = sog_codes(6, 2, 3), sog_meta(version, 6, 2)
     count = 100 if version == 2 else 128
     whole = read(tmp_path, sog_bytes(meta, codes))
     codes["shN_labels"][0, 2] = (count, 0, 0)
-    codes["shN_labels"][1, 1] = (255, 255, 0)  # splat-transform's for NaN
+    codes["shN_labels"][1, 1] = (255, 255, 0)  # splat-transform's label for NaN
     scene = read(tmp_path, sog_bytes(meta, codes))
     lost = [2, 4]
     assert not scene.sh[lost, 1:].any() and np.array_equal(scene.sh[:, 0], whole.sh[:, 0])
@@ -103,7 +103,7 @@ def test_labels_without_a_centroid(tmp_path, version):
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_more_gaussians_than_meta_says(tmp_path, version):
-    """Pixels of padding have no quaternion's tag, or no opacity."""
+    """Surplus pixels are noted, unless they are padding: no quaternion tag, or no opacity."""
     codes = sog_codes(6, 0, 3)
     codes["sh0"][..., 3] = 200
     for count, held in ((6, 0), (4, 2), (1, 5)):
@@ -117,9 +117,9 @@ def test_more_gaussians_than_meta_says(tmp_path, version):
 
 @needs_scenes
 def test_agrees_with_ply():
-    """leica-sofort, stored as PLY and as SOG: each Gaussian and its nearest in the other file.
+    """leica-sofort as PLY and as SOG: each Gaussian against the nearest in the other file.
 
-    Bounds are 1.5 to 2 times what was measured (in the comments).
+    Bounds are 1.5 to 2 times the measured errors (in the comments).
     """
     ply = read_scene(scene_path("leica-sofort-top8192.ply"))
     sog = read_scene(scene_path("leica-sofort-top8192.sog"))

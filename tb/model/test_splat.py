@@ -1,4 +1,4 @@
-""".splat scenes: 32 bytes a Gaussian."""
+""".splat scenes: 32 bytes per Gaussian, known by their extension."""
 
 import struct
 
@@ -29,7 +29,7 @@ def test_one_record(tmp_path):
 
 
 def test_many_records(tmp_path):
-    """Each Gaussian reads as it would alone."""
+    """Each Gaussian reads as it does alone."""
     data = splat_bytes(20)
     scene = read(tmp_path, data)
     assert len(scene) == 20
@@ -40,7 +40,7 @@ def test_many_records(tmp_path):
 
 
 def test_odd_gaussians_are_noted(tmp_path):
-    """NaN stays, the sign of a scale goes, a quaternion of 128s is zero."""
+    """NaN is kept, a scale's sign is dropped, a quaternion of bytes 128 is zero."""
     grey = struct.pack("<8B", 128, 128, 128, 128, 128, 128, 128, 128)
     odd = (0, 0, 0, 1, -2, 3), (np.nan, 0, 0, 1, 2, 3)
     scene = read(tmp_path, b"".join(struct.pack("<6f", *numbers) + grey for numbers in odd))
@@ -53,7 +53,7 @@ def test_odd_gaussians_are_noted(tmp_path):
 
 
 def test_content_goes_before_extension(tmp_path):
-    """A PLY is a PLY whatever its name; a .splat needs its extension."""
+    """A PLY is read as PLY whatever its name; a .splat is known by its extension alone."""
     scene = read(tmp_path, ply_bytes({"vertex": ply_columns(random_scene(3, 1))}))
     assert scene.sh_degree == 1
     (tmp_path / "scene.bin").write_bytes(splat_bytes(2))

@@ -1,4 +1,4 @@
-"""SPZ scenes, versions 1 to 4: every section decoded, axes turned, malformed files refused."""
+"""SPZ scenes, versions 1 to 4: every section decoded, axes converted, malformed files refused."""
 
 import gzip
 import struct
@@ -42,7 +42,7 @@ def read(tmp_path, data: bytes):
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("degree", range(4))
 def test_every_section(tmp_path, version, degree):
-    """Positions, opacities, colours and scales by the formulas of the format; y, z negated."""
+    """Positions, opacities, colours and scales by the format's formulas, with y and z negated."""
     codes = spz_codes(version, 50, degree)
     scene = read(tmp_path, spz_bytes(version, codes, degree, fraction=10))
     position, alpha, colour, scale = (code.astype(np.int64) for code in codes[:4])
@@ -63,7 +63,7 @@ def test_every_section(tmp_path, version, degree):
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_quaternions(tmp_path, version):
-    """Rotations of known quaternions survive: packed here as the format says, from RUB axes."""
+    """Rotations of known quaternions, packed here in RUB axes by the format's description."""
     count = 500
     quaternion = random_scene(count, 0).quaternion
     xyzw = (quaternion * [1, 1, -1, -1])[:, [1, 2, 3, 0]]
@@ -71,7 +71,7 @@ def test_quaternions(tmp_path, version):
     if version < 3:
         xyzw *= np.where(xyzw[:, 3:] < 0, -1, 1)
         codes[4] = np.round((xyzw[:, :3] + 1) * 127.5).astype(np.uint8)
-        bound = 0.2  # measured 0.143: w comes from the norm, coarse where it is small
+        bound = 0.2  # measured 0.143: w comes from the norm, coarse if it is small
     else:
         codes[4] = np.stack([smallest_three(q) for q in xyzw])
         bound = 0.004  # measured 0.0027: steps of 1/(511·√2)
@@ -99,7 +99,7 @@ def record(axes: int) -> bytes:
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_stated_axes(tmp_path, version):
-    """A record gives the axes and no note; 0 states nothing, nor does a file without a record."""
+    """A record states the axes, without a note; 0 and a missing record state nothing."""
     plain = read(tmp_path, spz_bytes(version, spz_codes(version, 4, 1), 1))
     for number, axes in ((4, "RUB"), (6, "RDF"), (0, ""), (None, "")):
         records = (UNKNOWN,) if number is None else (UNKNOWN, record(number))
@@ -112,8 +112,7 @@ def test_stated_axes(tmp_path, version):
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_odd_extensions(tmp_path, version):
-    """Unknown axes are refused; bytes that are no record are noted, few enough not to be
-    Gaussians."""
+    """Unknown axes are refused; a few bytes that form no record are noted."""
     for number in (17, 2**32 - 1):
         message = f"extension 'coordinate system' is {number}, not 0 … 16"
         check_bad_scene(tmp_path / "scene.spz", extended(version, record(number)), message)
@@ -146,7 +145,7 @@ def test_axes_of_other_formats_are_refused(tmp_path):
 @pytest.mark.parametrize("version", (1, 2, 3))
 @pytest.mark.parametrize("said", (1, 3))
 def test_more_gaussians_than_the_header_says(tmp_path, version, said):
-    """Sections of fewer Gaussians would begin at wrong places: refused, with both numbers."""
+    """A wrong count would misplace all sections: refused, with both counts in the message."""
     codes = spz_codes(version, 4, 1)
     raw = gzip.decompress(spz_bytes(version, codes, 1))
     data = raw[:8] + struct.pack("<I", said) + raw[12:]
@@ -157,7 +156,7 @@ def test_more_gaussians_than_the_header_says(tmp_path, version, said):
 
 @pytest.mark.parametrize("held, claim", [(2, 1), (3, 1), (3, 2)])
 def test_version_that_is_not_held(tmp_path, held, claim):
-    """A "version 1" with the positions of version 2 gave NaN."""
+    """Positions of version 2, read as version 1, would be NaN: the file is refused."""
     raw = gzip.decompress(spz_bytes(held, spz_codes(held, 50, 1), 1))
     data = raw[:4] + struct.pack("<I", claim) + raw[8:]
     message = f"of 50 Gaussians of SH degree 1 in version {claim}"
@@ -250,13 +249,13 @@ def test_other_file(tmp_path):
 
 
 def test_no_scratch_file_in_an_error(tmp_path, monkeypatch):
-    """Version 1 goes through a file of another version, whose name is nobody's business."""
+    """Version 1 is converted through a scratch file, which messages must not name."""
 
     def fail(path):
         raise ValueError(f"{path} is odd")
 
     monkeypatch.setattr(gsply, "read_spz", fail)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         read(tmp_path, spz_bytes(1, spz_codes(1, 4, 1), 1))
     path = tmp_path / "scene.spz"
-    assert str(told.value) == f"{path}: cannot be read ({path} is odd)"
+    assert str(error.value) == f"{path}: cannot be read ({path} is odd)"

@@ -1,7 +1,7 @@
-"""The sixteen axes of SPZ: scenes turned to PLY's against oracles that know nothing of the reader.
+"""The sixteen axis systems of SPZ, converted to PLY's, against oracles independent of the reader.
 
-An oracle turns directions, positions and covariances by the letters of a name; colours are those of
-scipy's Legendre functions. Pictures are the reference's of the turned PLY.
+The oracle converts directions, positions and covariances by the letters of a system's name; colours
+come from scipy's Legendre functions. Expected pictures are the reference's of the converted PLY.
 """
 
 from dataclasses import replace
@@ -24,7 +24,7 @@ NUMBERS = {
     1: "LDB", 2: "RDB", 3: "LUB", 4: "RUB", 5: "LDF", 6: "RDF", 7: "LUF", 8: "RUF",
     9: "LFD", 10: "RFD", 11: "LFU", 12: "RFU", 13: "LBD", 14: "RBD", 15: "LBU", 16: "RBU",
 }  # fmt: skip
-"""Values of a file's record, by `splat-types.h` of nianticlabs/spz."""
+"""Numbers of the systems in a file's record, from `splat-types.h` of nianticlabs/spz."""
 
 MIRRORED = "RDB LUB LDF RUF RFD LFU LBD RBU".split()
 
@@ -32,7 +32,7 @@ DIRECTIONS = {"R": "+x", "L": "-x", "D": "+y", "U": "-y", "F": "+z", "B": "-z"}
 
 
 def by_letters(points: np.ndarray, axes: str) -> np.ndarray:
-    """Points [N, 3] in some axes in PLY's: right, down, front."""
+    """Convert points [N, 3] from `axes` to PLY's axes: right, down, front."""
     found = np.zeros_like(points)
     for column, letter in zip(points.T, axes, strict=True):
         sign, name = DIRECTIONS[letter]
@@ -51,7 +51,7 @@ def test_names_and_numbers():
 @pytest.mark.parametrize("axes", AXES)
 @pytest.mark.parametrize("degree", range(4))
 def test_turned(axes, degree):
-    """Positions, covariances, and colours in turned directions."""
+    """Positions, covariances, and colours along converted directions equal the oracle's."""
     scene = random_scene(100, degree)
     found = turned(scene, axes)
     assert np.array_equal(found.position, by_letters(scene.position, axes))
@@ -67,9 +67,9 @@ def test_turned(axes, degree):
 
 
 def stored(scene: Scene, axes: str) -> Scene:
-    """A scene in PLY's axes as a file of other axes stores it, by dense algebra alone: the inverse
-    of the oracle above, harmonics fitted to colours."""
-    inverse = by_letters(np.eye(3), axes)  # rows: where each axis points, so p @ inverse.T
+    """Convert a scene from PLY's axes to `axes` by dense algebra alone: the inverse of the oracle,
+    with harmonics fitted to colours."""
+    inverse = by_letters(np.eye(3), axes)  # rows: direction of each axis, so p @ inverse.T
     mirror = np.linalg.det(inverse)
     factor = inverse @ scene.gaussians().factor * mirror  # mirrored axes: −1 changes no covariance
     direction = np.random.default_rng(1).normal(size=(200, 3))
@@ -89,8 +89,8 @@ def decibels(one: np.ndarray, other: np.ndarray) -> float:
 @pytest.mark.parametrize("number, axes", NUMBERS.items())
 @pytest.mark.parametrize("degree", range(4))
 def test_picture_of_the_turned_ply(tmp_path, number, axes, degree):
-    """A file of every system shows the PLY's picture, all but the format's rounding; read as RUB
-    it shows another one. Without a record, --axes says the same."""
+    """A file in any system renders like the PLY, within the format's rounding; read as RUB it does
+    not. A file without a record renders the same with --axes."""
     scene = random_scene(60, degree, seed=number)
     scene = replace(scene, scale=np.clip(scene.scale, 0.02, 0.3))
     write_ply(tmp_path / "turned.ply", scene)
@@ -99,7 +99,7 @@ def test_picture_of_the_turned_ply(tmp_path, number, axes, degree):
     rdf = read_picture(tmp_path, spz_of(scene, 6), camera)
     numbers = stored(scene, axes)
     found = read_picture(tmp_path, spz_of(numbers, number), camera)
-    # The format's steps cost the PLY's own axes as much (measured 32 to 45 dB).
+    # The format's rounding alone leaves 32 to 45 dB in PLY's own axes.
     assert decibels(found, right) > min(decibels(rdf, right) - 3, 40)
     without = read_picture(tmp_path, spz_of(numbers, None), camera, axes)
     assert np.array_equal(without, found)

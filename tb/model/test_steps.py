@@ -1,4 +1,4 @@
-"""Models in steps: every bit by plain integers, errors of all degrees, layouts, what is refused."""
+"""Models in steps: every bit against plain integers, errors per degree, layouts, bad headers."""
 
 from dataclasses import replace
 
@@ -26,13 +26,13 @@ from splatcore.spec.number import Fixed
 from splatcore.spec.packed import PackedModel, checksum
 from tb.helpers.clouds import cloud
 
-BITS = {0: (), 1: (5, 5), 2: (3, 2, 3), 3: (5, 5, 6)}
-BEATS = {0: 0, 1: 1, 2: 1, 3: 2}
+BITS = {0: (), 1: (5, 5), 2: (3, 2, 3), 3: (5, 5, 6)}  # layout → bits per code, by degree
+BEATS = {0: 0, 1: 1, 2: 1, 3: 2}  # layout → beats of harmonics per Gaussian
 TERM_SIZES = ((3,), (3, 2), (3, 3, 1))  # polynomials of the terms of degrees 1, 2, 3
 
 
 def bits(image: np.ndarray, start: int, offset: int, width: int) -> int:
-    """`width` bits at bit `offset` behind byte `start`, as a plain integer."""
+    """`width` bits from bit `offset` of byte `start` on, as a plain integer."""
     word = int.from_bytes(image[start : start + (offset + width) // 8 + 1].tobytes(), "little")
     return word >> offset & (1 << width) - 1
 
@@ -42,7 +42,8 @@ def signed(code: int, width: int) -> int:
 
 
 def plain_colours(image: np.ndarray) -> list[dict[int, np.ndarray]]:
-    """For each Gaussian of a model in steps its factors by degree, from the text of `spec`."""
+    """Decode a model in steps, bit by bit as in the text of `spec`: factors by degree, per
+    Gaussian."""
     count = bits(image, 0, 64, 32)
     exponents = [signed(bits(image, 0, 160 + 16 * k, 16), 16) for k in range(4)]
     align = lambda value: -(-value // 64) * 64  # noqa: E731
@@ -97,7 +98,7 @@ def test_every_bit_by_plain_integers():
 
 
 def test_polynomials_are_the_harmonics():
-    """Factors times polynomials of `spec.colour` are real spherical harmonics, by scipy."""
+    """Factors times polynomials of `spec.colour` equal scipy's real spherical harmonics."""
     rng = np.random.default_rng(0)
     x, y, z = direction = rng.normal(size=3)
     x, y, z = direction / np.linalg.norm(direction)
@@ -129,7 +130,7 @@ def test_polynomials_are_the_harmonics():
     ],
 )  # fmt: skip
 def test_close_to_the_scene(quality, degree, beats, worst):
-    """RMS errors of the factors of each degree, over their own RMS; sizes to the byte."""
+    """RMS errors of the factors per degree, relative to their RMS; sizes; errors in the report."""
     scene = cloud(2, count=3000, degree=degree)
     scene.opacity[:] = np.maximum(scene.opacity, 0.01)
     model, report = pack(scene, quality=quality)
@@ -155,22 +156,22 @@ def test_chunks_without_harmonics_have_no_beats_for_them():
     assert max(used) == 2 and model.format.sh_degree == 3
     only = scene[first]
     assert (pack(only, quality="faithful")[0].chunk_beats == 1).all()
-    only.sh[9, 12, 1] = 1e-4  # one of one Gaussian is enough
+    only.sh[9, 12, 1] = 1e-4  # one coefficient of one Gaussian is enough
     assert sorted(pack(only, quality="faithful")[0].chunk_beats) == [1, 3]
 
 
 def test_layouts_side_by_side():
-    """A chunk's codes stand for the same, whatever layouts the others have."""
+    """A chunk decodes alike, whatever layouts the other chunks have."""
     scene, model = mixed(5 * CHUNK + 3, 3)
-    of = np.repeat(model.chunks["harmonics"], CHUNK)[: len(model)]
+    layout = np.repeat(model.chunks["harmonics"], CHUNK)[: len(model)]
     for number in range(len(LAYOUTS)):
         alone, _ = pack(scene, quality=np.full(len(model.chunk_beats), number))
         for found, expected in zip(model.factors, alone.factors, strict=True):
-            assert (found[of == number] == expected[of == number]).all(), number
+            assert (found[layout == number] == expected[layout == number]).all(), number
 
 
 def test_a_coefficient_a_thousand_times_the_others():
-    """It is kept to the step of its chunk, and the others of its chunk to eight times finer."""
+    """The outlier keeps to its chunk's step; the others get steps eight times finer."""
     scene = cloud(4, count=CHUNK, degree=3)
     scene.opacity[:] = 0.5
     scene.sh[:, 1:] *= 0.01 / np.abs(scene.sh[:, 1:]).max()
@@ -183,7 +184,7 @@ def test_a_coefficient_a_thousand_times_the_others():
 
 
 def test_steps_are_those_of_the_least_error():
-    """Of all s of a chunk and all shifts of its Gaussians, by trying them one by one."""
+    """Against trying all steps of a chunk and all shifts of its Gaussians, one by one."""
     rng = np.random.default_rng(0)
     factors = rng.normal(size=(12, 3, 3)) * 2.0 ** rng.uniform(-7, 0, (12, 1, 1))
     of = np.repeat([0, 1], [7, 5])
@@ -195,7 +196,7 @@ def test_steps_are_those_of_the_least_error():
         assert codes.min() >= ends[0] and codes.max() <= ends[1]
 
         def errors(level, ends=ends, half=half, exponent=exponent):
-            """Squared error of each Gaussian in the nearest codes of a step."""
+            """Squared error per Gaussian, with the nearest codes at step number `level`."""
             size = (0.75 if level & 1 else 1) * 2.0 ** (exponent - level // 2)
             near = np.clip(np.floor(factors / size - half + 0.5), *ends) + half
             return ((near * size - factors) ** 2).sum((1, 2))
@@ -221,7 +222,7 @@ def test_exponents_are_the_least_that_hold_the_largest(width):
 
 
 def test_nothing_has_the_finest_steps():
-    """Halves have no zero: a degree that no Gaussian has is off by next to nothing."""
+    """Half-step codes have no zero, so a degree without harmonics keeps a negligible error."""
     scene = cloud(5, count=CHUNK, degree=3)
     scene.opacity[:] = 0.5
     scene.sh[:, 1:9] = 0
@@ -241,7 +242,7 @@ def test_machines_and_qualities():
 
 
 def edited(image: np.ndarray, offset: int, width: int, value: int) -> np.ndarray:
-    """A model with another value in its header, or behind it, and the checksum to go with it."""
+    """The model with `value` in its bits from `offset` on, and a matching checksum."""
     bits_ = np.unpackbits(image, bitorder="little")
     bits_[offset : offset + width] = [value >> k & 1 for k in range(width)]
     image = np.packbits(bits_, bitorder="little")
@@ -274,7 +275,7 @@ def test_headers_that_contradict_themselves_are_refused(name):
 
 
 def test_halves_need_all_their_degrees():
-    """A layout of degree 3 in halves has no zeros: a model of degree 2 cannot have it."""
+    """COARSE stores degree 3 in half-step codes without a zero: not for a model of degree 2."""
     scene = cloud(14, count=300, degree=3)
     model, _ = pack(scene, quality=np.full(2, COARSE))
     with pytest.raises(InputError, match="harmonics 2 of a chunk does not go with SH degree 2"):

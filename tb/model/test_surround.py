@@ -1,4 +1,4 @@
-"""Views of a scene without photographs: their places, what they see, refused arguments."""
+"""Views around a scene without photographs: positions, coverage, bad arguments."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,7 +26,7 @@ def eyes(views) -> np.ndarray:
 
 
 def hits(scene: Gaussians, views) -> np.ndarray:
-    """Number of the views that hold each Gaussian, [N]."""
+    """Number [N] of views in which each Gaussian is visible."""
     count = np.zeros(len(scene), int)
     for camera in views:
         count[project(scene, camera)[0].index] += 1
@@ -54,11 +54,11 @@ def test_a_seed_decides():
     one, same, other = (numbers(surrounding_views(scene, 12, 64, 36, s)) for s in (3, 3, 4))
     assert np.array_equal(one, same)
     apart = np.linalg.norm(one[:, None, 9:12] - other[None, :, 9:12], axis=2)
-    assert apart.min() > 1e-3  # no view in common: another seed's serve to judge by
+    assert apart.min() > 1e-3  # no view in common, so another seed's views can be held out
 
 
 def test_all_round_an_object_and_not_inside():
-    """From every side, above it, outside the hollow ball, and each part held by two views."""
+    """From every side, mostly above, outside the hollow ball; each part is in two views."""
     middle = np.array([5.0, -2, 1])
     scene = gaussians(ball(4_000, middle))
     views = surrounding_views(scene, VIEWS, 96, 54)
@@ -72,7 +72,7 @@ def test_all_round_an_object_and_not_inside():
 
 
 def test_room_is_seen_from_inside_and_not_through_walls():
-    """A room that is open at +z: eyes within it, none behind its walls."""
+    """A room open at +z: some cameras are inside, none is behind a wall."""
     walls = boxes(
         6,
         (4_000, [2, 1.2, 0.02], [0, 0, -1.6]),
@@ -91,7 +91,7 @@ def test_room_is_seen_from_inside_and_not_through_walls():
 
 
 def test_a_screen_is_not_looked_at():
-    """Matter before the object on one side keeps views from there that do not pass it."""
+    """A screen in front of the object removes the views that it would block."""
     screen = boxes(5, (225, [1.2, 1.5, 0.01], [0, -0.6, -1.5]))
     subject = gaussians(ball(5_000), 0.1)
 
@@ -104,7 +104,7 @@ def test_a_screen_is_not_looked_at():
 
 
 def test_what_cannot_be_seen_does_not_matter():
-    """Transparent and broken Gaussians, however many, change no view."""
+    """Any number of transparent or broken Gaussians changes no view."""
     scene = gaussians(ball(500))
     bad = gaussians(np.tile([[np.nan, 0, 0], [0, np.inf, 0]], (700, 1)))
     clear = gaussians(ball(9_000, radius=50.0), opacity=0.003)
@@ -150,7 +150,7 @@ def test_bad_arguments(arguments, message):
 
 
 def test_garden():
-    """Nearly all that the garden's own camera sees is in two views; all stand over the ground."""
+    """Over 95 % of what the garden's own camera sees is in two views; all are above the ground."""
     scene = generate("garden", 8_000).gaussians()
     views = surrounding_views(scene, VIEWS, 96, 54)
     own = project(scene, generated_camera("garden", 96, 54))[0].index
@@ -159,7 +159,7 @@ def test_garden():
 
 
 def test_perturbed():
-    """Bounds are kept and reached, directions are all there, the lens stays."""
+    """Shifts and turns reach but keep their bounds, in all directions; the lens does not change."""
     camera = look_at([1, -2, -4], [0.2, 0, 0], 64, 36, 50.0, name="a")
     camera = replace(camera, cx=30.5)
     rng = np.random.default_rng(1)
@@ -181,7 +181,7 @@ def test_perturbed():
 
 @cache
 def real_scene(file: str) -> tuple[Scene, list[Camera]]:
-    """A real scene and views that surround it."""
+    """A real scene, and views around it."""
     whole = read_scene(scene_path(file))
     return whole, surrounding_views(whole.gaussians(), VIEWS, 480, 270)
 
@@ -190,7 +190,7 @@ def real_scene(file: str) -> tuple[Scene, list[Camera]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("file", REAL)
 def test_views_hold_what_the_scenes_cameras_see(file):
-    """≥ 95 % of what each of a scene's own cameras sees is in at least two of 48 views."""
+    """At least 95 % of what each of a scene's own cameras sees is in two or more of 48 views."""
     (whole, views), name = real_scene(file), file.split(".")[0].removesuffix("-top8192")
     some = whole[:: max(len(whole) // 8_000, 1)].with_sh_degree(0).gaussians()
     count = hits(some, views)
@@ -201,7 +201,7 @@ def test_views_hold_what_the_scenes_cameras_see(file):
 
 @needs_scenes
 def test_kitchen_from_inside():
-    """Some eyes are within the room: matter on both sides of them along x and z."""
+    """Some cameras are within the room: opaque matter on both sides along x and z."""
     scene, views = real_scene("kitchen.spz")
     solid = scene.position[scene.opacity > 0.5]
     low, high = np.percentile(solid, (10, 90), axis=0)

@@ -1,4 +1,4 @@
-"""The camera that a scene without cameras gets."""
+"""The default camera of a scene without cameras: it frames the object, whatever floats around."""
 
 import numpy as np
 import pytest
@@ -16,20 +16,21 @@ REAL = ["leica-sofort-top8192.ply", "skull.sog", "luma-seal.splat", "kitchen.spz
 
 
 def seen(camera, position) -> float:
-    """Share of the points that lie before the near plane and inside the image."""
+    """Share of the points that are beyond the near plane and inside the image."""
     x, y, z = (position @ camera.rotation.T + camera.translation).T
     tan_x, tan_y = camera.tan_half_fov
     return np.mean((z > NEAR_PLANE) & (np.abs(x) < tan_x * z) & (np.abs(y) < tan_y * z))
 
 
 def filling(camera, position) -> float:
-    """The larger of width and height of the points' box over that of the image."""
+    """Width or height of the points' bounding box relative to the image, the larger one."""
     x, y, z = (position @ camera.rotation.T + camera.translation).T
     tan_x, tan_y = camera.tan_half_fov
     return max(np.ptp(x / z) / (2 * tan_x), np.ptp(y / z) / (2 * tan_y))
 
 
 def looks_down_at(camera, middle, tolerance):
+    """Whether the camera aims at `middle`, upright and slightly downwards."""
     forward, down = camera.rotation[2], camera.rotation[1]
     aim = np.asarray(middle) - camera.position
     aside = np.linalg.norm(np.cross(aim, forward)) / np.linalg.norm(aim)
@@ -78,7 +79,7 @@ def test_all_faint():
 @pytest.mark.parametrize("scale", [0.0, 1e-3, 0.5, 20.0])
 @pytest.mark.parametrize("count", [1, 50])
 def test_one_place(count, scale):
-    """One Gaussian, or all at one place: in the middle of the image, not about the camera."""
+    """One Gaussian, or all at one place: in the middle of the image, not around the camera."""
     place = np.array([3.0, 4.0, -5.0])
     scene = gaussians(np.tile(place, (count, 1)), scale)
     camera = sensible_view(scene, 64, 48)
@@ -102,14 +103,14 @@ def test_two_gaussians():
 
 
 def test_broad_side():
-    """A wall is not seen edge-on."""
+    """A wall is seen from its broad side, not edge-on."""
     wall = boxes(4, (3_000, [0.02, 1, 2], [0, 0, 0]))
     camera = sensible_view(gaussians(wall), 320, 180)
     assert abs(camera.rotation[2, 0]) > 0.85
 
 
 def test_open_side():
-    """A screen between the default viewpoint and the object makes it go round."""
+    """A screen between the default viewpoint and the object moves the camera around it."""
     screen = boxes(5, (200, [2.4, 1.2, 0.01], [0, -1.0, -3.2]))
     subject = gaussians(ball(20_000))
     x, _, z = sensible_view(subject, 320, 180).position
@@ -119,7 +120,7 @@ def test_open_side():
 
 
 def test_room():
-    """A room without its wall at +z is looked into from there, not at its back from outside."""
+    """A room open at +z is seen through the open side, not from behind a wall."""
     room = boxes(
         6,
         (12_000, [2, 1.2, 0.0], [0, 0, -1.6]),
@@ -133,7 +134,7 @@ def test_room():
 
 
 def test_garden():
-    """A scene with a sky shell: the camera stands in it and sees what it is about."""
+    """A scene with a sky shell: the camera is within it and shows the middle of the garden."""
     scene = garden(8_000)
     camera = sensible_view(scene.gaussians(), 96, 54)
     assert np.linalg.norm(camera.position) < 14 and -6 < camera.position[1] < -1
@@ -145,7 +146,7 @@ def test_garden():
 @needs_scenes
 @pytest.mark.parametrize("file", REAL)
 def test_real_scenes(file):
-    """At a distance like that of the scene's own cameras, and the opaque core is in the image."""
+    """0.5 to 3 times as far as the scene's own camera, with the opaque core in the image."""
     scene, name = read_scene(scene_path(file)), file.split(".")[0].removesuffix("-top8192")
     camera = sensible_view(scene.gaussians(), 192, 108)
     own = read_cameras(scene_path(f"{name}.cameras.json"))[0]
@@ -161,6 +162,6 @@ def test_real_scenes(file):
 
 @needs_scenes
 def test_kitchen_from_its_open_side():
-    """The kitchen has no wall at +z; its other walls are part of its core."""
+    """The camera looks in through +z, where the kitchen has no wall."""
     camera = sensible_view(read_scene(scene_path("kitchen.spz")).gaussians(), 192, 108)
     assert camera.rotation[2, 2] < -0.8

@@ -1,1 +1,1 @@
-"""Renderings by an implementation that is not ours, and the script that made them."""
+"""Renderings by an independent implementation, and the script that made them."""

@@ -1,11 +1,11 @@
-"""Renders the scenes with gsplat's CPU path, in float64, and stores the results.
+"""Render the scenes with gsplat's CPU path, in float64, and store the results.
 
-`python -m tb.outside.make`, with the extra `[outside]`; nothing else of this project needs torch.
+Run `python -m tb.outside.make` with the extra `[outside]`, which installs torch.
 
-gsplat's torch path leaves two things to others: a CUDA kernel lists which Gaussian touches which
-pixel, and the package nerfacc multiplies and sums along the lists. The three stand-ins below do
-only that. They are ours, and so no judge of us; but means, covariances, conics, compensations,
-depths, colours, tile lists and every alpha and colour that is blended are gsplat's arithmetic.
+gsplat's torch path needs a CUDA kernel, which lists the Gaussians that touch each pixel, and the
+package nerfacc, which multiplies and sums along the lists. The three stand-ins below replace them
+and are the only code of ours: means, covariances, conics, compensations, depths, colours, tile
+lists and all alphas and colours that are blended are gsplat's arithmetic.
 """
 
 import sys
@@ -22,15 +22,15 @@ from tb.outside.scenes import CASES
 from tb.outside.stored import VERSIONS, Case, Stored, save
 
 MARGIN = 1e-9
-"""Least relative distance of every quantity from the threshold that it is compared with, so that
-rounding in float64 decides nothing."""
+"""Minimum relative distance of all values from their thresholds, so that rounding in float64
+changes no decision."""
 
 Tensor = torch.Tensor
 
 
 def indices_in_range(
     start: int,
-    end: int,  # blocks of 256 Gaussians of each tile's list: all, as the lists are short
+    end: int,  # blocks of 256 Gaussians per tile's list: all, as the lists are short
     transmittances: Tensor,  # [1, H, W]
     means: Tensor,  # [1, N, 2]
     conics: Tensor,  # [1, N, 3]
@@ -38,13 +38,13 @@ def indices_in_range(
     width: int,
     height: int,
     tile: int,
-    offsets: Tensor,  # [1, rows, columns] where a tile's list begins
+    offsets: Tensor,  # [1, rows, columns] begin of each tile's list
     ids: Tensor,  # [M] the tiles' lists, one after the other
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Stand-in for gsplat's kernel: the pairs that are blended, by pixel, then by depth.
 
-    Follows `rasterize_to_indices_3dgs_kernel`: skip below 1/255; a pixel ends where its next
-    transmittance is at or below 1e-4, without that Gaussian.
+    Follows `rasterize_to_indices_3dgs_kernel`: skips alphas below 1/255; a pixel ends before the
+    Gaussian that would bring its transmittance to 1e-4 or below.
     """
     assert start == 0 and bool((transmittances == 1).all()), "one pass expected"
     bounds = [*offsets.flatten().tolist(), len(ids)]
@@ -75,9 +75,9 @@ def indices_in_range(
 
 
 def weight_from_alpha(alphas: Tensor, ray_indices: Tensor, n_rays: int) -> tuple[Tensor, Tensor]:
-    """Stand-in for nerfacc's: weights and transmittances [M], the latter before each sample.
+    """Stand-in for nerfacc: weights [M], and transmittances [M] before each sample.
 
-    `alphas` [M] are ordered by `ray_indices` [M], then from near to far.
+    alphas: [M] ordered by `ray_indices` [M], then from near to far
     """
     count = torch.bincount(ray_indices, minlength=n_rays)
     first = torch.cumsum(count, dim=0) - count
@@ -89,20 +89,20 @@ def weight_from_alpha(alphas: Tensor, ray_indices: Tensor, n_rays: int) -> tuple
 
 
 def accumulate(weights: Tensor, values: Tensor | None, ray_indices: Tensor, n_rays: int) -> Tensor:
-    """Stand-in for nerfacc's: Σ weight·value per ray, [n_rays, channels]; no values mean ones."""
+    """Stand-in for nerfacc: Σ weight·value per ray [n_rays, channels]; values are 1 by default."""
     terms = weights[:, None] * (1.0 if values is None else values)
     return torch.zeros(n_rays, terms.shape[1]).index_add_(0, ray_indices, terms)
 
 
 def keep_away(value: Tensor, threshold: float):
-    """Raises if a value is so near the threshold that rounding may decide."""
+    """Raise AssertionError if a value is closer to a threshold than `MARGIN`."""
     if value.numel():
         nearest = float((value / threshold - 1).abs().min())
-        assert nearest > MARGIN, f"a value lies {nearest:.1e} from {threshold:.6g}: other seed"
+        assert nearest > MARGIN, f"a value is {nearest:.1e} from {threshold:.6g}: use another seed"
 
 
 def install():
-    """Puts the stand-ins where gsplat looks for them; all of torch in float64."""
+    """Install the stand-ins for gsplat, and set torch to float64."""
     torch.set_default_dtype(torch.float64)
     nerfacc = ModuleType("nerfacc")
     nerfacc.render_weight_from_alpha = weight_from_alpha
@@ -112,7 +112,7 @@ def install():
 
 
 def colours(case: Case, means: Tensor, view: Tensor) -> Tensor:
-    """Colours [1, N, 3] as `gsplat.rendering.rasterization` calculates them."""
+    """Colours [1, N, 3], calculated as in `gsplat.rendering.rasterization`."""
     coefficients = torch.from_numpy(case.scene.sh)
     directions = means - torch.inverse(view)[:3, 3]
     values = impl._spherical_harmonics(case.scene.sh_degree, directions, coefficients)
@@ -138,9 +138,9 @@ def render(case: Case) -> tuple[np.ndarray, np.ndarray]:
     if compensations is not None:  # as in `gsplat.rendering.rasterization`
         opacities = opacities * compensations
     keep_away(depths, camera.near)
-    # Its sort key is the depth in float32: without ties its order is that of float64.
+    # gsplat sorts by depth in float32: without ties this is the order in float64.
     kept = depths[(radii > 0).all(dim=-1)].to(torch.float32)
-    assert len(torch.unique(kept)) == len(kept), "equal depths: other seed"
+    assert len(torch.unique(kept)) == len(kept), "equal depths: use another seed"
     columns, rows = (-(-side // TILE) for side in size)
     _, keys, ids = impl._isect_tiles(means2d, radii, depths, TILE, columns, rows)
     image, alpha = impl._rasterize_to_pixels(
@@ -159,7 +159,7 @@ def render(case: Case) -> tuple[np.ndarray, np.ndarray]:
 
 def main():
     versions = {"torch": torch.__version__.split("+")[0], "gsplat": gsplat.__version__}
-    assert versions == VERSIONS, f"these are {versions}, wanted are {VERSIONS}"
+    assert versions == VERSIONS, f"versions {versions}, but {VERSIONS} are required"
     install()
     for name, make in CASES.items():
         case = make()

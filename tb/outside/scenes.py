@@ -1,7 +1,7 @@
-"""The scenes that gsplat renders for us, from seeded generators.
+"""The scenes that gsplat renders, from seeded generators.
 
-Each is small, of a size that is no multiple of a tile, with fx ≠ fy and a camera that is turned
-about all axes.
+Each is small; image sizes are no multiples of a tile, fx ≠ fy, and cameras are rotated about all
+axes.
 """
 
 from dataclasses import replace
@@ -14,15 +14,17 @@ from tb.outside.stored import Case
 
 
 def exact(array: np.ndarray) -> np.ndarray:
-    """The nearest numbers that are exact in float32, as float64."""
+    """Round to float32, returned as float64."""
     return np.asarray(array, np.float32).astype(np.float64)
 
 
 def build(rng, name: str, position, scale, opacity, degree: int, detail: float) -> Scene:
-    """A scene of turned Gaussians; quaternions are random and not normalised.
+    """A scene with random quaternions, which are not normalised.
 
-    `position` [N, 3], `scale` [N, 3], `opacity` [N]; `detail` is the standard deviation of the
-    spherical harmonics above degree 0 (those of degree 0 have 1, so that some colours are < 0).
+    position, scale: [N, 3]
+    opacity: [N]
+    detail: standard deviation of the spherical harmonics above degree 0; it is 1 for degree 0, so
+        that some colours are negative
     """
     count = len(position)
     quaternion = rng.normal(size=(count, 4))
@@ -33,7 +35,7 @@ def build(rng, name: str, position, scale, opacity, degree: int, detail: float) 
 
 
 def cloud() -> Case:
-    """A general scene: a ball of Gaussians of all sizes and opacities, SH of degree 3."""
+    """A general scene: a cloud of Gaussians of all sizes and opacities, SH of degree 3."""
     rng = np.random.default_rng(1)
     count = 800
     position = rng.normal(size=(count, 3))
@@ -45,10 +47,10 @@ def cloud() -> Case:
 
 
 def needles() -> Case:
-    """Axis ratios to 1e4, from far below a pixel to across the screen, nearly opaque.
+    """Axis ratios up to 1e4, lengths from far below a pixel to the whole screen, nearly opaque.
 
     One pixel in twenty ends early. Some Gaussians are flat (a scale of 0), some have opacity 1,
-    some are just above and below 1/255.
+    others an opacity just above or below 1/255.
     """
     rng = np.random.default_rng(2)
     count = 700
@@ -66,10 +68,10 @@ def needles() -> Case:
 
 
 def near() -> Case:
-    """A camera amid its scene: 120° wide, Gaussians behind, at and just beyond the near plane.
+    """A camera inside its scene: 120° wide, Gaussians behind, at and just beyond the near plane.
 
-    Many centres lie outside 1.3·tan(fov/2), where the Jacobian is clamped, with splats that still
-    reach the screen; one splat covers all of it. SH of degree 1, a background that is not black.
+    Many centres are outside of 1.3·tan(fov/2), where the Jacobian is clamped, but their splats
+    still reach the screen; one splat covers all of it. SH of degree 1, not a black background.
     """
     rng = np.random.default_rng(3)
     amid = rng.uniform((-4.0, -4.0, -0.6), (4.0, 4.0, 3.0), size=(300, 3))
@@ -86,7 +88,7 @@ def near() -> Case:
 
 
 def dust() -> Case:
-    """Trained with antialiasing: round and flat Gaussians from a twentieth of a pixel to some."""
+    """Marked as antialiased: round and flat Gaussians from 1/20 of a pixel to a few pixels."""
     rng = np.random.default_rng(4)
     count = 2400
     position = rng.normal(0, 0.75, size=(count, 3))
@@ -98,9 +100,9 @@ def dust() -> Case:
 
 
 def fibres() -> Case:
-    """Trained with antialiasing: needles up to a hundred pixels long, down to a thousandth thick.
+    """Marked as antialiased: needles up to 100 pixels long, down to a thousandth of a pixel thick.
 
-    Compensation brings the opacity of some near 1/255 or below; lines are not seen at all.
+    Compensation lowers the opacity of some to about 1/255 or less; lines are invisible.
     """
     rng = np.random.default_rng(5)
     count = 900
@@ -115,7 +117,7 @@ def fibres() -> Case:
 
 
 def world(camera: Camera, position: np.ndarray) -> np.ndarray:
-    """World coordinates [N, 3] of camera coordinates [N, 3]."""
+    """Convert camera space [N, 3] to world space [N, 3]."""
     return (position - camera.translation) @ camera.rotation
 
 

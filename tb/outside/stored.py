@@ -1,4 +1,4 @@
-"""The files of this folder: a scene, its camera and what gsplat made of them; its conventions."""
+"""The files in this folder: a scene, its camera and gsplat's picture; gsplat's conventions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,20 +12,19 @@ from splatcore.spec.scene import Scene
 FOLDER = Path(__file__).parent
 
 VERSIONS = {"torch": "2.13.0", "gsplat": "1.5.3"}
-"""The packages that made the files; the extra `[outside]` pins the same."""
+"""Packages that made the files; the extra `[outside]` pins the same versions."""
 
 GSPLAT = Convention(
     alpha_max=0.999,
     pixel_centre=0.5,
     principal_point_shift=0.0,
 )
-"""The rules of gsplat's CPU path. The background is black unless a stored scene names one.
+"""Conventions of gsplat's CPU path. The background is black unless a stored scene has another one.
 
-Source: gsplat 1.5.3, `cuda/_torch_impl.py` and, for the two thresholds that its torch path leaves
-to a CUDA kernel, `cuda/csrc/RasterizeToIndices3DGS.cu`. What agrees without a setting: the
-Jacobian's margin of 1.3 (as long as cx = width/2 and cy = height/2), the blur of 0.3, the colour
-offset, and the footprint: its boxes of 3.33 σ along x and y hold every pixel with alpha ≥ 1/255,
-because √(2·ln 255) = 3.329.
+Source: gsplat 1.5.3, `cuda/_torch_impl.py`, and `cuda/csrc/RasterizeToIndices3DGS.cu` for the two
+thresholds in a CUDA kernel. Equal to our defaults: the Jacobian's margin of 1.3 (if cx = width/2
+and cy = height/2), the blur of 0.3, the colour offset, and the footprint: boxes of 3.33 σ along x
+and y contain every pixel with alpha ≥ 1/255, because √(2·ln 255) = 3.329.
 """
 
 ATTRIBUTES = ("position", "scale", "quaternion", "opacity", "sh")
@@ -33,7 +32,7 @@ ATTRIBUTES = ("position", "scale", "quaternion", "opacity", "sh")
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene to render. Every number of `scene` is exact in float32."""
+    """A scene to render. All numbers in `scene` are exact in float32."""
 
     scene: Scene
     camera: Camera  # cx = width/2, cy = height/2
@@ -42,16 +41,16 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """A case and gsplat's result, calculated in float64 and kept in float32 (error < 2e-7)."""
+    """A case and gsplat's result, calculated in float64 and stored in float32 (error < 2e-7)."""
 
     case: Case
     image: np.ndarray  # [H, W, 3] linear RGB
-    transmittance: np.ndarray  # [H, W] what is left of the background
+    transmittance: np.ndarray  # [H, W]
     versions: dict[str, str]
 
 
 def save(stored: Stored) -> Path:
-    """Writes the file of `stored.case.scene.name`."""
+    """Write the file of `stored.case.scene.name`; its path."""
     scene, camera = stored.case.scene, stored.case.camera
     mark = {"antialiased": np.array(True)} if scene.antialiased else {}
     path = FOLDER / f"{scene.name}.npz"
@@ -72,7 +71,7 @@ def save(stored: Stored) -> Path:
 
 
 def load(name: str) -> Stored:
-    """Reads what `save` wrote."""
+    """Read a file written by `save`."""
     with np.load(FOLDER / f"{name}.npz") as file:
         field = dict(file)
     width, height = (int(side) for side in field["size"])

@@ -1,1 +1,1 @@
-"""Faults planted in the Python source of `hdl`, one at a time, and whether the tests catch them."""
+"""Planted faults: one change at a time in the Python source of `hdl`, which tests must catch."""

@@ -1,4 +1,4 @@
-"""Faults in the text of hardware: one change to one line, for `tb.planted.mutate`."""
+"""Faults in the source of hardware: changes of one line, for `tb.planted.mutate`."""
 
 import ast
 import inspect
@@ -15,14 +15,14 @@ OPERATORS = {
     ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
 }  # fmt: skip
 
-HANDSHAKES = ("valid", "ready", "enable", "en")  # names of signals that let an item pass
+HANDSHAKES = ("valid", "ready", "enable", "en")  # names of handshake signals
 
 KINDS = ("operator", "constant", "index", "condition", "handshake")
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One change. text: the whole file with it."""
+    """A change of a file. text: the whole changed file."""
 
     file: str
     kind: str
@@ -36,9 +36,10 @@ class Fault:
 
 
 def draw(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
-    """`count` faults (or all) of files (name → text): files take turns, and in each the kinds.
+    """Draw `count` faults (or all): files take turns, and within a file the kinds of faults.
 
-    Which ones of a file follows from the seed, its name and its faults, whatever other files are.
+    sources: text of files by name
+    The order of a file's faults depends only on the seed, its name and its faults.
     """
     queues = []
     for name in sorted(sources):
@@ -57,10 +58,10 @@ def draw(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
 
 
 def faults(name: str, text: str) -> Iterator[Fault]:
-    """Every fault that a file can have."""
+    """All possible faults of a file."""
     tree = ast.parse(text)
     for function in ast.walk(tree):
-        # What a constructor does is widths and ports, not logic.
+        # Constructors have widths and ports, but no logic.
         if isinstance(function, ast.FunctionDef) and function.name != "__init__":
             for node in ast.walk(function):
                 for kind, old, new in changes(node):
@@ -68,7 +69,7 @@ def faults(name: str, text: str) -> Iterator[Fault]:
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr, str]]:
-    """Kind, the expression to replace, and by what."""
+    """Changes of a node: kind, the expression to replace, its replacement."""
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
         other = ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)
         yield "operator", node, f"({ast.unparse(other)})"
@@ -82,7 +83,7 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr, str]]:
     elif isinstance(node, ast.Subscript):
         whole = not isinstance(node.slice, ast.Slice)
         for part in (node.slice,) if whole else (node.slice.lower, node.slice.upper):
-            name = ast.Constant | ast.JoinedStr  # of a field: no other one is next to it
+            name = ast.Constant | ast.JoinedStr  # name of a field: has no neighbour
             if part is not None and not isinstance(part, name | ast.Slice | ast.Tuple):
                 yield "index", part, f"({ast.unparse(part)}) - 1"
             elif isinstance(part, ast.Constant) and isinstance(part.value, int):
@@ -90,7 +91,7 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.expr, str]]:
 
 
 def _call(node: ast.Call) -> Iterator[tuple[str, ast.expr, str]]:
-    """Conditions, and what is assigned."""
+    """Changes of conditions and of assigned values."""
     if node.func.attr in ("If", "Elif") and node.args:
         yield "condition", node.args[0], "1"
     elif node.func.attr == "eq" and len(node.args) == 1:
@@ -117,13 +118,13 @@ def _fault(name: str, text: str, kind: str, old: ast.expr, new: str) -> Fault:
 
 
 def each(faults: Iterable[str]) -> list:
-    """Faults as parameters of a test: `make test` meets the first, `make verify` the others."""
+    """Faults as parameters of a test: the first for `make test`, the others for `make verify`."""
     first, *others = faults
     return [first, *(pytest.param(name, marks=pytest.mark.verify) for name in others)]
 
 
 def planted(method: Callable, old: str, new: str) -> Callable:
-    """A method with one piece of its source replaced, for proofs and tests that must fail."""
+    """A method with a part of its source replaced, for proofs and tests that must fail."""
     source = textwrap.dedent(inspect.getsource(method))
     assert source.count(old) == 1
     scope = dict(method.__globals__)
@@ -132,5 +133,5 @@ def planted(method: Callable, old: str, new: str) -> Callable:
 
 
 def plant(monkeypatch, part: type, method: str, old: str, new: str):
-    """Have a part's method be `planted`, for the rest of a test."""
+    """Replace a part's method by `planted` for the rest of a test."""
     monkeypatch.setattr(part, method, planted(getattr(part, method), old, new))

@@ -1,8 +1,8 @@
-"""Which tests judge the faults that are planted in a file of hdl/.
+"""Tests that judge the planted faults of each file in hdl/.
 
-A fault meets one set of tests after the other until one catches it: quick ones of the part first,
-then the testbench of its stage, small frames and faults of the whole machine, two frames of
-`DEFAULT`, at last a machine of 64-bit addresses if the file knows of these.
+Sets of tests run one after the other until one catches the fault: quick tests of the part, the
+testbench of its stage, small frames and injected faults of the whole machine, two frames of
+`DEFAULT`, and a machine with 64-bit addresses if the file has logic for them.
 """
 
 from tb.helpers.stage_cases import STAGES
@@ -70,7 +70,7 @@ QUICK = {
     "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
     "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
 }
-"""Quick tests of a file or of a folder's files, as arguments of pytest; "" if there are none."""
+"""Quick tests of a file or of a folder's files, as arguments of pytest; "" for none."""
 
 BENCHES = {
     "": [],
@@ -106,7 +106,7 @@ BENCHES = {
     "sorting/subsort": ["subsort"],
     "top": ["top"],
 }
-"""Testbenches in `tb/stages/` of the stages that a file or a folder's files are in."""
+"""Testbenches in `tb/stages/` for the stages that contain a file or a folder's files."""
 
 LAST = {
     "": MACHINE,
@@ -115,16 +115,16 @@ LAST = {
     "sorting/runs": "tb/hdl/test_sort.py -k 'cycles and three'",
     "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_sort.py",
 }
-"""What judges a file's or a folder's faults before whole machines do."""
+"""Further tests of a file or of a folder's files, before those of whole machines."""
 
 ADDRESSES = (
     "frame", "memory/axi", "memory/window", "points/preprocess", "raster/render", "registers", "top"
 )  # fmt: skip
-"""Files with logic that only a machine of 64-bit addresses has: that one judges last."""
+"""Files with logic for 64-bit addresses, judged last by a machine that has them."""
 
 
 def judges(file: str) -> list[str]:
-    """The tests of a file, named as in `points/cull`, each as arguments of pytest; in order."""
+    """The sets of tests for a file such as `points/cull`, in order, as arguments of pytest."""
     benches = "".join(f" tb/stages/test_stages.py::test_stage[verilator-{name}]"
                       for name in found(BENCHES, file))  # fmt: skip
     order = [found(QUICK, file), benches.strip(), found(LAST, file), MACHINE, DEFAULT]
@@ -133,5 +133,5 @@ def judges(file: str) -> list[str]:
 
 
 def found(table: dict, file: str):
-    """A file's own row, or its folder's, or that of all."""
+    """A file's row of a table, else its folder's, else the one for all files."""
     return next(table[name] for name in (file, file.split("/")[0], "") if name in table)

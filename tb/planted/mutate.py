@@ -1,13 +1,13 @@
-"""Plants faults in hdl/ and says how many the tests catch.
+"""Plant faults in hdl/ and count how many the tests catch.
 
     python -m tb.planted.mutate [--count N] [--seed S] [--results FILE] [--again] [FILE …]
 
-A fault is one change to the Python text of one file: an operator, a constant, an index, a condition
-that always holds, a handshake that is always high. Each meets the tests of its file, of its stage
-and of the machine, in processes of their own, until one catches it. Faults that cannot be built say
-nothing about the tests and are not counted. Some change nothing, as a sign of zero or a bit that is
-cut off again: what is missed has to be read. The results are a table that holds each verdict as
-long as the file that the fault is in stays the same; a run goes on where one before it stopped.
+A fault is one change in one Python file: an operator, a constant, an index, a condition that always
+holds, a handshake that is always high. The tests of its file, of its stage and of the machine run
+in separate processes until one catches it. Faults that cannot be built are not counted. Some faults
+have no effect, such as the sign of a zero or a bit that is cut off: read the missed ones. The
+results table keeps a verdict as long as the faulty file's text is the same, so a run continues
+where the last one stopped.
 """
 
 import argparse
@@ -46,9 +46,9 @@ PROCESSES = 2
 
 RESULTS = ROOT / "docs" / "results" / "planted.csv"
 COLUMNS = ("file", "line", "kind", "before", "after", "verdict", "tests", "text")
-"""Of the results. tests: what gave the verdict; text: a hash of the file with the fault."""
+"""Columns of the results. tests: that gave the verdict; text: hash of the file with the fault."""
 
-TIMEOUT = 3600  # seconds after which tests, compiling included, count as hung
+TIMEOUT = 3600  # seconds, compiling included, after which tests count as hung
 
 PYTEST = "-x -q -p no:cacheprovider -p tb.planted.verdict -m 'not scenes and not verify'"
 PASSED = 0
@@ -56,9 +56,12 @@ VERDICTS = {PASSED: "missed", CAUGHT: "caught", NOT_BUILT: "not built"}
 
 
 def tested(folder: Path, tests: str, cache: Path, fault: Fault | None = None) -> int:
-    """Exit status of tests, in an empty folder, of a copy of hdl/ with a fault in it.
+    """Run tests on a copy of hdl/ with a fault; pytest's exit status.
 
-    cache: keeps compiled simulations. RuntimeError if pytest fails for reasons of its own.
+    folder: empty, for the copy
+    tests: arguments of pytest
+    cache: folder of compiled simulations
+    Raises RuntimeError for another status than those in `VERDICTS`.
     """
     package = folder / "splatcore"
     package.mkdir()
@@ -87,15 +90,15 @@ def tested(folder: Path, tests: str, cache: Path, fault: Fault | None = None) ->
 
 
 def verdict(tests: str, cache: Path, fault: Fault | None = None) -> str:
-    """The verdict of tests on a fault, or of hardware without one."""
+    """The verdict of tests on a fault, or on hardware without a fault."""
     with TemporaryDirectory() as folder:
         return VERDICTS[tested(Path(folder), tests, cache, fault)]
 
 
 class Court:
-    """Judges faults, and finds out first whether tests pass without any.
+    """Judges faults; first checks that the tests pass without a fault.
 
-    cache: keeps the compiled simulations of hardware with faults in it.
+    cache: folder of compiled simulations of hardware with faults
     """
 
     def __init__(self, cache: Path):
@@ -123,8 +126,7 @@ class Court:
 
 
 class Results:
-    """Verdicts, and the tests that gave them, in a table on disk; of faults, and of those alone
-    that can still be made."""
+    """Verdicts, and the tests that gave them, by fault, stored in a table on disk."""
 
     def __init__(self, path: Path):
         self.path, self.rows, self.lock = path, {}, Lock()
@@ -152,7 +154,7 @@ class Results:
         write(self.path, text.getvalue().encode())
 
     def keep(self, faults: Iterable[Fault]):
-        """Forget verdicts on other faults."""
+        """Remove the verdicts on all other faults."""
         known = set(map(_hash, faults))
         self.rows = {key: row for key, row in self.rows.items() if key in known}
 
@@ -162,9 +164,9 @@ def _hash(fault: Fault) -> str:
 
 
 def judged(faults: list[Fault], results: Results, again: bool = False) -> list[str]:
-    """Verdicts on faults, each printed as it comes; RuntimeError if tests fail without a fault.
+    """Judge faults and print the verdicts; RuntimeError if tests fail without a fault.
 
-    again: those that were missed are judged anew.
+    again: whether to judge missed faults again
     """
     console = Console(markup=False, highlight=False, emoji=False, soft_wrap=True)
     with TemporaryDirectory() as cache, ThreadPoolExecutor(PROCESSES) as pool:
@@ -184,18 +186,18 @@ def judged(faults: list[Fault], results: Results, again: bool = False) -> list[s
 
 @cache
 def sources(folder: str) -> dict[str, str]:
-    """The Python files of a folder of the project, by name."""
+    """Text of the Python files in a folder of the project, by name."""
     paths = sorted((ROOT / folder).rglob("*.py"))
     return {str(path.relative_to(ROOT)): path.read_text() for path in paths}
 
 
 def texts_of(files: Iterable[str]) -> dict[str, str]:
-    """The text of each file of hdl/."""
+    """Text of files in hdl/, by name."""
     return {name: (HDL / f"{name}.py").read_text() for name in files}
 
 
 def main(arguments: Sequence[str] | None = None) -> float:
-    """Print what was missed and a table by kind; the share that was caught."""
+    """Judge faults, print verdicts and a table by kind. Returns the share of caught faults."""
     files = sorted(str(path.relative_to(HDL).with_suffix("")) for path in HDL.rglob("*.py"))
     files = [name for name in files if not name.endswith("__init__")]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -203,9 +205,9 @@ def main(arguments: Sequence[str] | None = None) -> float:
     parser.add_argument("--count", type=int, default=COUNT, help="faults to judge")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--results", type=Path, default=RESULTS, help="a table, kept from run to run"
+        "--results", type=Path, default=RESULTS, help="table that is kept from run to run"
     )
-    parser.add_argument("--again", action="store_true", help="judge anew what was missed")
+    parser.add_argument("--again", action="store_true", help="judge missed faults again")
     options = parser.parse_args(arguments)
     texts = texts_of(options.file or files)
     drawn = draw(texts, options.count, options.seed)

@@ -1,4 +1,4 @@
-"""The engine that plants faults: which there are, what tests say of them, and where they miss."""
+"""The tool that plants faults: possible faults, verdicts of tests, missed faults."""
 
 from collections import Counter
 from types import ModuleType
@@ -9,7 +9,7 @@ from amaranth.back import verilog
 
 from splatcore.sim.rtl import vectors
 from splatcore.spec.number import Float
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 from tb.planted import mutate
 from tb.planted.fault import KINDS, Fault, draw, faults
 from tb.planted.judges import (
@@ -81,7 +81,7 @@ def test_clamp():
 
 
 def test_all_faults_of_a_text():
-    """A constructor has none, nor has a number that says that all is well."""
+    """Constructors have no faults, nor has a `ready` that is constant."""
     found = {(fault.kind, fault.line, fault.before, fault.after): fault.text
              for fault in faults("part", TEXT)}  # fmt: skip
     assert set(found) == ALL
@@ -98,8 +98,8 @@ def test_a_draw_is_spread_and_repeats_itself():
     assert Counter(fault.file for fault in drawn) == dict.fromkeys(sources, 10)
     for name in sources:
         kinds = Counter(fault.kind for fault in drawn if fault.file == name)
-        there = Counter(fault.kind for fault in faults(name, sources[name]))
-        assert {kind: min(n, 10 // len(KINDS)) for kind, n in there.items()} == {
+        possible = Counter(fault.kind for fault in faults(name, sources[name]))
+        assert {kind: min(n, 10 // len(KINDS)) for kind, n in possible.items()} == {
             kind: min(n, 10 // len(KINDS)) for kind, n in kinds.items()
         }
     everything = draw(sources, 10_000, seed=3)
@@ -107,7 +107,7 @@ def test_a_draw_is_spread_and_repeats_itself():
 
 
 def of_clamp(before: str, after: str) -> Fault:
-    """A fault in the first component of a file."""
+    """A fault in the first component of `arithmetic/minmax`."""
     text = (HDL / "arithmetic/minmax.py").read_text()
     assert before in text
     return Fault("arithmetic/minmax", "test", 0, before, after, text.replace(before, after, 1))
@@ -131,9 +131,9 @@ def test_verdicts(tmp_path, monkeypatch, capsys):
     verdicts = ["caught", "missed", "not built", "caught", "not built"]
     results = mutate.Results(tmp_path / "planted.csv")
     assert judged(given, results) == verdicts
-    told = capsys.readouterr().out.splitlines()
-    assert sorted(line[:9].strip() for line in told if "→" in line) == sorted(verdicts)
-    assert all(line.endswith(f"by {test}") for line in told if line.startswith("caught"))
+    printed = capsys.readouterr().out.splitlines()
+    assert sorted(line[:9].strip() for line in printed if "→" in line) == sorted(verdicts)
+    assert all(line.endswith(f"by {test}") for line in printed if line.startswith("caught"))
     monkeypatch.setattr(mutate, "verdict", lambda *_: "caught")
     kept = mutate.Results(tmp_path / "planted.csv")
     assert judged(given, kept) == verdicts
@@ -162,7 +162,7 @@ ALL_JUDGES = sorted({tests for name in mutate.sources("hdl") for tests in judges
 
 
 def test_judges():
-    """The most particular ones first, the machine last; each name is a file's or a folder's."""
+    """The most specific tests first, the machine last; each name is a file's or a folder's."""
     cull = judges("points/cull")
     assert cull[0] == QUICK["points/cull"] and "verilator-cull" in cull[1]
     assert cull[2:] == [LAST["points"], MACHINE, DEFAULT]
@@ -180,7 +180,7 @@ def test_judges_are_there(tests, capsys):
 
 
 def multipliers() -> dict[int, list]:
-    """By fault (0: none) a multiplier of each format, of those faults that can be built."""
+    """Multipliers of each format by fault (0: none), for faults that can be built."""
     text, found = (HDL / "arithmetic/multiply.py").read_text(), {}
     for number, fault in enumerate([None, *faults("multiply", text)]):
         module = ModuleType("multiply")
@@ -196,17 +196,17 @@ def multipliers() -> dict[int, list]:
 
 
 def missed(parts: dict[int, list], inputs: dict[str, np.ndarray]) -> set[int]:
-    """Faults with which all products are what they are without."""
+    """Faults that change no product."""
     flat = {f"part{n}_{k}": part for n, all in parts.items() for k, part in enumerate(all)}
     given = {f"{name}__{port}": codes for name in flat for port, codes in inputs.items()}
-    found = vectors.run(Beside(flat), given)
+    found = vectors.run(SideBySide(flat), given)
     products = {n: [found[f"part{n}_{k}__o"] for k in range(len(FORMATS))] for n in parts}
     return {n for n in parts if np.array_equal(products[n], products[0])}
 
 
 @pytest.mark.verify
 def test_faults_of_a_multiplier():
-    """What all pairs do not catch is no fault: another order agrees. A weak test misses more."""
+    """Faults that no pair of codes reveals have no effect in any order; weak tests miss more."""
     parts, pairs = multipliers(), []
     for seed in range(2):
         rng = np.random.default_rng(seed)

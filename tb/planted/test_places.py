@@ -1,5 +1,5 @@
-"""The pieces of source that planted faults replace are there: most of these faults are met by
-`make verify` alone."""
+"""The source texts that planted faults replace exist; most of these faults run only in
+`make verify`."""
 
 from importlib import import_module
 
@@ -16,7 +16,7 @@ def test_files_are_found():
 
 
 def words(text: str) -> str:
-    """A text on one line, without the space that the layout of lines needs."""
+    """A text without white space."""
     return "".join(text.split())
 
 

@@ -1,5 +1,5 @@
-"""A plugin of pytest that ends a run at its first failure: exit status 1 where a test has caught a
-fault, 3 where hardware with the fault cannot even be built.
+"""A pytest plugin that ends a run at its first failure: exit status 1 if a test has caught a fault,
+3 if hardware with the fault cannot be built.
 
     python -m pytest -p tb.planted.verdict TEST …
 
@@ -16,12 +16,12 @@ from splatcore.sim.rtl import streams
 CAUGHT, NOT_BUILT = 1, 3
 
 CYCLES_MAX = 5_000_000
-"""Cycles of a run at most: a fault may make hardware that gives items for ever."""
+"""Maximum cycles of a run: hardware with a fault may output items forever."""
 
 
 def pytest_configure() -> None:
     [folder] = splatcore.hdl.__path__
-    assert Path(folder).is_relative_to(Path.cwd()), f"{folder} is tested"
+    assert Path(folder).is_relative_to(Path.cwd()), f"tests use {folder}, not the current folder"
     streams.CYCLES_MAX = CYCLES_MAX
 
 

@@ -10,7 +10,7 @@ from splatcore.hdl.lib.stream import Fork, Queue, Register
 from splatcore.sim.rtl.streams import TAIL, Simulation, SimulationError, StreamRuleError
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
-from tb.helpers.parts import Beside
+from tb.helpers.parts import SideBySide
 
 pytestmark = pytest.mark.slow
 
@@ -106,7 +106,7 @@ FAULTS = ("lost", "twice", "stuck", "falls", "changes", "asserts")
 def parts() -> Simulation:
     """One simulation that holds all components, unconnected."""
     parts = PARTS | {fault: Faulty(fault) for fault in FAULTS}
-    return Simulation(Beside(parts), samples=("queue_64__level", "queue_64__i__ready"))
+    return Simulation(SideBySide(parts), samples=("queue_64__level", "queue_64__i__ready"))
 
 
 @pytest.fixture(scope="module")
@@ -284,7 +284,7 @@ def test_invalid_arguments(join):
         ({"constants": {"key": 0}}, "constants .* are not"),
         ({"constants": constants | {"mask": 256}}, "mask: 256 does not fit in 8 bits"),
         ({"constants": constants | {"mask": np.array([1, 256])}}, "mask: a number does not fit"),
-        ({"constants": constants | {"key": np.array([1, 2])}}, "key: .* 100 bits; give rows"),
+        ({"constants": constants | {"key": np.array([1, 2])}}, "key: .* 100 bits; pass rows"),
         ({"inputs": rows | {"b": rows["b"][:, 1:]}}, r"b: .* is not uint8 \[N, 12\]"),
         ({"inputs": rows | {"b": rows["b"] | 0x80}}, "b: a row has bits above its 92"),
         ({"expected": {"p": 1}}, "no out stream p"),

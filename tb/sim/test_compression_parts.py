@@ -108,7 +108,7 @@ def test_missed_ratio_is_noted(fake, tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules["splatcore.model.compress.compress"], "compress", short)
     assert bench("a.ply", "--part", "curve", "--ratios", "15") == 0
     point = scenes()["a.ply"]["curve"]["points"][1]
-    assert point["note"] == f"only {point['ratio']:.1f}× was reached" and point["ratio"] < 12.5
+    assert point["note"] == f"reached only {point['ratio']:.1f}×" and point["ratio"] < 12.5
 
 
 def test_share_left_by_schedules():
@@ -131,7 +131,7 @@ def test_schedule(fake, tmp_path, capsys):
     assert [row["gaussians_before"] for row in rows] == [130, 600, 130, 130, 130, 147]
     assert fake.calls.count("distill 1") == 1, "all make use of one distillation"
     done = len(fake.calls)
-    assert "40 fine-tuning steps in all" in " ".join(capsys.readouterr().out.split())
+    assert "40 fine-tuning steps in total" in " ".join(capsys.readouterr().out.split())
     assert bench("a.ply", "--part", "steps", "--steps", "10") == 0
     later = fake.calls[done:]
     assert later and not any(call.startswith("prune") for call in later), "its run goes on"

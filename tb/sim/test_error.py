@@ -212,7 +212,7 @@ def test_scenes_and_their_cameras(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("SPLATCORE_SCENES", str(tmp_path / "none"))
     assert everything(None, None, None)["garden"] == View("garden")
     assert f"no folder {tmp_path / 'none'}" in capsys.readouterr().err.replace("\n", "")
-    with pytest.raises(InputError, match=r"--scenes .*none: there is no such folder"):
+    with pytest.raises(InputError, match=r"--scenes .*none: no such folder"):
         everything(str(tmp_path / "none"), None, None)
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"--scenes .*empty: holds no scene"):

@@ -142,7 +142,7 @@ def test_a_scene_without_harmonics_has_no_program_for_them():
     "fps, decibels, error",
     [
         (500_000, None, r"--fps 500000: (preprocessing|rendering) of (garden|near) takes [\d,]+ of"
-         r" 1,512 cycles in the largest machine, most of them in \w+: [\d.]+ frames a second at"),
+         r" 1,512 cycles in the largest machine, most of them in \w+: [\d.]+ frames per second at"),
         (100, 90.0, r"--psnr 90: (garden|near) has \d\d\.\d\d dB with the widest formats"),
     ],
 )  # fmt: skip

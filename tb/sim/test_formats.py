@@ -91,7 +91,7 @@ def test_a_tool_that_fails_or_is_missing(tool, capsys, monkeypatch):
     assert "BROKEN: failed with status 1: cannot be" in " ".join(capsys.readouterr().err.split())
     assert run("bench formats garden.ply -o out --tool ./none") == 2
     told = " ".join(capsys.readouterr().err.split())
-    assert "./none: there is no such program; npm install -g @playcanvas/splat-transform" in told
+    assert "./none: no such program; npm install -g @playcanvas/splat-transform" in told
 
 
 def test_psnr_of_pictures(tool, monkeypatch):

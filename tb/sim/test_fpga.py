@@ -95,7 +95,7 @@ def test_log():
     assert why_not(LOG) == "does not fit: luts 26670 of 24288, multipliers 64 of 28"
     fits = LOG.replace("64/", "4/").replace("26670/", "2667/")
     assert why_not(fits).startswith("Unable to place cell")
-    assert why_not("Info: a\nKilled\n") == "nextpnr broke off: Killed"
+    assert why_not("Info: a\nKilled\n") == "nextpnr failed: Killed"
 
 
 def test_report():
@@ -221,7 +221,7 @@ def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
 def test_progress(nextpnr):
     """Synthesis runs once for two seeds; progress shows the arcs left to route."""
     told = []
-    assert len(list(placed(Register(3), "25k", seeds=2, tell=told.append))) == 2
+    assert len(list(placed(Register(3), "25k", seeds=2, progress=told.append))) == 2
     routing = ["placing", "routing, 245,263 arcs left"]
     assert told == ["synthesis", *routing, *routing]
 

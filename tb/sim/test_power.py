@@ -163,7 +163,7 @@ def test_estimate():
     assert list(stages) == ["stage 0", "control"] and stages["control"] == axi
     for name, part in gates_of(SIZES, UNIT).items():
         assert part == pytest.approx(GATES[name])
-    with pytest.raises(ValueError, match="other parts"):
+    with pytest.raises(ValueError, match="only sizes or counts"):
         estimate(COUNTS, {"axi": GATES["axi"]}, UNIT)
 
 
@@ -178,7 +178,7 @@ def test_report():
     assert "ESTIMATE" in lines(found, 100.0)[0]
     rows = table(found, 100.0, "")
     assert [*rows.columns[0].cells] == [
-        "stage 0", "control", "memories, stage 0", "all logic", "all", "DRAM, apart"
+        "stage 0", "control", "memories, stage 0", "all logic", "all", "DRAM, not included"
     ]  # fmt: skip
 
 

@@ -92,7 +92,7 @@ def test_a_source_is_packed_once(scene):
     assert choose.packed(source, replace(DEFAULT, pes=3), CAMERA) is first
     assert choose.packed(source, DEFAULT, CAMERA, "compact") is not first
     assert choose.packing(source)["quality"] == "compact"
-    assert "packed as compact: 21.79 bytes a Gaussian" in choose.packing_line(source)
+    assert "packed as compact: 21.79 bytes per Gaussian" in choose.packing_line(source)
 
 
 def test_budget(scene):

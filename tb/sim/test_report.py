@@ -38,7 +38,7 @@ def test_the_page_is_self_contained(whole):
     assert used and used <= inside
     assert not re.search(r"https?:|<script|<link|@import|<iframe", whole.text)
     assert page.images and all(uri.startswith("data:image/png;base64,") for uri in page.images)
-    assert "Nothing: each section has all of its results." in page.sections["missing"]
+    assert "None: every section is complete." in page.sections["missing"]
 
 
 def test_every_figure_names_its_command(whole):
@@ -79,7 +79,7 @@ def test_numbers(whole):
     assert first["model, off by %"] == pytest.approx(-1) and first["traffic, MB"] == 4
     assert whole.table("scenes", "traffic")[0]["image, MB"] == 3
     budget = whole.table("budget", "budget")
-    assert [(row["of"], row["part"]) for row in budget[:5]] == [
+    assert [(row["group"], row["part"]) for row in budget[:5]] == [
         ("packing", part) for part in ("shape", "degree 1", "degree 2", "degree 3",
                                        "sum of the parts")
     ]  # fmt: skip

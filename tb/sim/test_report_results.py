@@ -52,12 +52,12 @@ def broken(path: Path, fault: str):
 @pytest.mark.parametrize(
     "fault, named",
     {
-        "missing": "fpga.json: is not there; made by: make RESULTS=",
+        "missing": "fpga.json: does not exist; create with: make RESULTS=",
         "no JSON": "fpga.json: is not JSON",
-        "NaN": "fpga.json: is not JSON (NaN is no number)",
-        "no object": "fpga.json: holds no object",
+        "NaN": "fpga.json: is not JSON (NaN is not a number)",
+        "no object": "fpga.json: is not a JSON object",
         "no key": "fpga.json: parts.array has no key 'luts'",
-        "odd": "fpga: not as they should be (TypeError",
+        "odd": "fpga: invalid content (TypeError",
         "failed": "fpga.json: sub_sorter is not placed: does not fit",
     }.items(),
 )
@@ -66,9 +66,9 @@ def test_broken_results_are_named(results, capsys, fault, named):
     found = report(results, capsys, "--section", "fpga", "--section", "power")
     assert found.status == 1
     page = Page(found.text)
-    for text in (found.said, page.sections["fpga"], page.sections["missing"]):
+    for text in (found.messages, page.sections["fpga"], page.sections["missing"]):
         assert named in text
-    assert found.said.count("\n") == 1 and found.said.startswith("fpga: ")
+    assert found.messages.count("\n") == 1 and found.messages.startswith("fpga: ")
     assert found.table("power", "power") and not found.sections["power"]["problems"]
     if fault != "odd":
         rows = found.table("fpga", "fpga")
@@ -84,7 +84,7 @@ def test_everything_is_missing(tmp_path, capsys):
     for name, section in found.sections.items():
         assert bool(section["problems"]) == (name != "fit"), name
     for file, _ in SOURCES.values():
-        assert file in found.said, file
+        assert file in found.messages, file
     Page(found.text)
 
 
@@ -93,7 +93,7 @@ def test_a_campaign_that_failed_in_parts(results, capsys):
     value = json.loads(path.read_text())
     write(path, value | {"failed": [{"what": "work vase.ply", "why": "memory exhausted"}]})
     found = report(results, capsys, "--section", "work")
-    assert found.status == 1 and "work vase.ply: memory exhausted" in found.said
+    assert found.status == 1 and "work vase.ply: memory exhausted" in found.messages
     assert len(found.table("work", "work")) == 2 + len(VIEWS) + 1
 
 
@@ -107,16 +107,16 @@ def test_only_some_scenes(results, capsys, monkeypatch):
     scenes = [row["scene"] for row in found.table("work", "work")]
     assert "vase.ply" in scenes and "hall.spz" not in scenes
     found = report(results, capsys, *words, "--scene", "new.spz")
-    assert found.status == 1 and "work.json: has nothing about new.spz" in found.said
+    assert found.status == 1 and "work.json: has no rows of new.spz" in found.messages
 
 
 def test_another_size_or_machine(results, capsys):
     words = ("--section", "work")
     assert report(results, capsys, *words, "--size", SIZE, "--preset", "default").status == 0
     found = report(results, capsys, *words, "--size", "32x32")
-    assert found.status == 1 and f"work.json: is for size {SIZE}, not 32x32" in found.said
+    assert found.status == 1 and f"work.json: is for size {SIZE}, not 32x32" in found.messages
     found = report(results, capsys, *words, "--preset", "TINY")
-    assert found.status == 1 and "work.json: is for preset DEFAULT, not TINY" in found.said
+    assert found.status == 1 and "work.json: is for preset DEFAULT, not TINY" in found.messages
 
 
 COMMANDS = {
@@ -231,8 +231,8 @@ def test_make_report(tmp_path):
     programs = json.loads((place / "programs.json").read_text())["programs"]["project_antialiased"]
     row = found.table("paper", "operations")[3]
     assert row["all, operations"] == programs["operations"] != 100
-    assert found.status and found.said.count("error: ") == 1 and "odd.ply" in found.said
-    assert f"power.json: is not there; made by: make RESULTS={place}" in found.text
+    assert found.status and found.messages.count("error: ") == 1 and "odd.ply" in found.messages
+    assert f"power.json: does not exist; create with: make RESULTS={place}" in found.text
     assert found.table("paper", "gates") and not found.sections["power"]["tables"]
 
 

@@ -1,1 +1,1 @@
-"""Tests of numbers, records, presets and microprograms."""
+"""Tests of number formats, records, presets and microprograms."""

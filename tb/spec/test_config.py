@@ -1,4 +1,4 @@
-"""Presets, the memory layout that follows from them, and the table of stages."""
+"""Presets, the memory layout derived from them, and one table of stages for all models."""
 
 from dataclasses import FrozenInstanceError, fields, replace
 
@@ -21,7 +21,7 @@ from splatcore.spec.stages import BLOCKS, HALVES, NAMES, OF_POINTS
 def test_names():
     assert [config.name for config in PRESETS.values()] == list(PRESETS)
     assert find_preset("paper") is PAPER
-    with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
+    with pytest.raises(InputError, match=r"preset 'x': unknown; .*DEFAULT, PAPER, TINY"):
         find_preset("x")
 
 
@@ -71,11 +71,11 @@ def test_layout_is_in_order_and_aligned(count):
 
 def test_every_visible_opacity_has_a_code():
     assert memory.OPACITY.decode(memory.OPACITY.encode(0.0)) == 0
-    assert 2.0**-memory.OPACITY.max > ALPHA_MIN  # what is kept can always reach alpha 1/255
+    assert 2.0**-memory.OPACITY.max > ALPHA_MIN  # kept Gaussians can reach alpha 1/255
 
 
-def test_all_have_the_same_stages():
-    """One table: hardware, cycle model, counters and parts for synthesis have the same."""
+def test_stage_names_agree():
+    """Hardware, cycle model, counters and synthesis parts have the stages of one table."""
     blocks = [block for half in BLOCKS.values() for block in half]
     assert [*OF_POINTS, *blocks] == list(STAGES) and [*blocks, "control"] == list(WHOLE)
     assert [field.name for field in fields(Cycles)] == [*NAMES, *HALVES]
@@ -88,7 +88,7 @@ def test_all_have_the_same_stages():
 
 @pytest.mark.parametrize("bits", range(4, 13))
 def test_powers_fit(bits):
-    """Of all mantissas and steps: each entry has its first bit and is less than 1."""
+    """For all mantissa and step widths, each table entry has its leading bit and is below 1."""
     for steps in range(3, 9):
         table = power_table(replace(DEFAULT, power_mantissa=bits, power_fraction=steps))
         assert len(table) == 1 << steps and list(table) == sorted(table)

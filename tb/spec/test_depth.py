@@ -1,4 +1,4 @@
-"""Depths in finer numbers, and the keys made of them, against exact integers."""
+"""Depths in the finer format, and the sort keys made of them, against exact integers."""
 
 from dataclasses import replace
 
@@ -25,12 +25,13 @@ BASE = int(FINE.encode(np.nextafter(0.2, 0))) >> BITS << BITS
 
 
 def keys(config, codes: np.ndarray) -> np.ndarray:
-    """Keys [N] of codes of `finer`."""
+    """Return the keys [N] of depth codes [N] in the `finer` format."""
     return depth_keys(config, *narrowed(config, codes)).astype(np.int64)
 
 
 def codes_around(first: int, count: int) -> np.ndarray:
-    """Codes from `first`: all around it, the base and each power of two, and some between."""
+    """Return codes ≥ `first`: all near it, near the base and near each power of two, and `count`
+    random ones."""
     last = (1 << FINE.width - 1) - 1
     exponents = np.arange(first >> FINE.fraction, 1 << FINE.exponent) << FINE.fraction
     close = (exponents[:, None] + np.arange(-40, 41)).ravel()
@@ -40,7 +41,8 @@ def codes_around(first: int, count: int) -> np.ndarray:
 
 
 def test_narrowed_is_nearest():
-    """The nearest code of the arithmetic, negative ones too; the rest gives the code back."""
+    """The narrow code is the nearest one, for negative values too; with the low bits it restores
+    the fine code."""
     values = np.concatenate([s * np.geomspace(0.01, 1e5, 5000) for s in (1, -1)])
     codes = FINE.encode(values).astype(np.int64)
     narrow, low = narrowed(DEFAULT, codes)
@@ -59,8 +61,8 @@ def test_narrowed_ends():
 
 
 def test_keys_rise_and_use_all_their_bits():
-    """From the base half of the keys tell all codes apart, a quarter every second, others the
-    rest."""
+    """From the base on, half of the keys resolve every code, a quarter every second code, the rest
+    coarser steps."""
     codes = codes_around(BASE, 50_000)
     most = 1 << DEFAULT.sort_key_bits
     found, steps = keys(DEFAULT, codes) - most // 16, codes - BASE
@@ -74,7 +76,7 @@ def test_keys_rise_and_use_all_their_bits():
 
 
 def test_keys_below_the_base():
-    """They rise, reach the smallest near plane, and are finer than 2^-15 of the depth."""
+    """Keys below the base rise, down to the smallest near plane, in steps of 32 codes."""
     codes = codes_around(int(FINE.encode(NEAR_LIMITS[0])), 50_000)
     below = codes[codes < BASE]
     found = keys(DEFAULT, below)
@@ -85,7 +87,7 @@ def test_keys_below_the_base():
 
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
 def test_every_machine_orders_all_depths(preset):
-    """From the smallest near plane to the largest depth no key is beyond its bits."""
+    """From the smallest near plane to the largest depth, keys rise and fit their bits."""
     format = finer(preset).arithmetic
     codes = np.array([format.encode(NEAR_LIMITS[0]), (1 << format.width - 1) - 1], np.int64)
     first, last = depth_keys(preset, *narrowed(preset, codes)).astype(np.int64)
@@ -94,7 +96,7 @@ def test_every_machine_orders_all_depths(preset):
 
 @pytest.mark.parametrize("config", [PAPER, replace(TINY, depth=replace(TINY.depth, fraction=16))])
 def test_machines_whose_depths_are_no_finer(config):
-    """Keys are codes."""
+    """Without a finer format, keys are depth codes."""
     assert low_bits(config) == 0 == key_shift(config) and low_format(config) == {}
     assert finer(config) == config
     codes = config.arithmetic.encode(np.geomspace(0.1, 1000, 5000)).astype(np.int64)

@@ -1,7 +1,7 @@
 """Number formats against exact rationals, and against numpy's float16 and float32.
 
-The oracles share nothing with `spec.number`: they read each format's definition as `Fraction`s
-and find the nearest code by bisection over all of them.
+The oracles share no code with `spec.number`: they compute each code's value as a `Fraction` from
+the format's definition, and find the nearest code by bisection over all codes.
 """
 
 from bisect import bisect_right
@@ -43,19 +43,19 @@ EVERY_CODE += [FP16, Float(7, 12), Float(7, 12, signed=False, subnormal=False), 
 
 
 def anywhere(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Float64 of every sign, exponent and fraction: random bit patterns but NaN."""
+    """Return float64 of any sign, exponent and fraction: random bit patterns except NaN."""
     values = rng.integers(0, 1 << 64, count, dtype=np.uint64).view(np.float64)
     return values[~np.isnan(values)]
 
 
 def around(points: np.ndarray) -> np.ndarray:
-    """Sorted points, those half-way between them, and float64's neighbours of both."""
+    """Return sorted points, the midpoints between them, and the float64 neighbours of both."""
     points = np.concatenate([points, points[:-1] + (points[1:] - points[:-1]) / 2])
     return np.concatenate([points, np.nextafter(points, -HUGE), np.nextafter(points, HUGE)])
 
 
 def some_codes(rng: np.random.Generator, first: int, end: int, count: int) -> np.ndarray:
-    """Sorted codes of first … end − 1: all if few, else the ends and random adjacent pairs."""
+    """Return sorted codes of first … end − 1: all if few, else both ends and random neighbours."""
     if end - first <= 4 * count:
         return np.arange(first, end, dtype=np.uint64)
     random = rng.integers(first, end - 1, count, dtype=np.uint64)
@@ -64,7 +64,7 @@ def some_codes(rng: np.random.Generator, first: int, end: int, count: int) -> np
 
 
 def float_value(format: Float, magnitude: int) -> Fraction:
-    """Value of a code without its sign, as if the highest exponent were a normal one."""
+    """Return the value of a code without sign, as if the highest exponent were a normal one."""
     biased, fraction = divmod(magnitude, 2**format.fraction)
     if biased == 0 and not format.subnormal:
         return Fraction(0)
@@ -73,12 +73,12 @@ def float_value(format: Float, magnitude: int) -> Fraction:
 
 
 def infinity_code(format: Float) -> int:
-    """The first code that is not finite: infinity's, or what would follow the largest value's."""
+    """Return the first code that is not finite: infinity, or the code after the largest value."""
     return (2**format.exponent - (format.overflow == "infinity")) * 2**format.fraction
 
 
 def float_code(format: Float, value: float) -> int:
-    """The code nearest to a value that is not NaN, the even one of two."""
+    """Return the code nearest to a value (not NaN), ties to even."""
     negative, infinity = bool(np.signbit(value)), infinity_code(format)
     if negative and not format.signed:
         return 0
@@ -98,7 +98,7 @@ def float_code(format: Float, value: float) -> int:
 
 
 def hard_values(format: Float, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Codes' values, ties and their neighbours; around both ends; far from everything."""
+    """Return values of codes, ties and their neighbours, values around both ends, random ones."""
     normal = 2**format.fraction
     codes = some_codes(rng, 0, infinity_code(format), count)
     codes = np.union1d(codes, some_codes(rng, max(normal - 8, 0), normal + 8, 8))
@@ -112,7 +112,7 @@ def hard_values(format: Float, rng: np.random.Generator, count: int) -> np.ndarr
 
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
 def test_float_encode(format):
-    """The nearest code, by rationals. (FP16 and FP32 here also vouch for numpy's below.)"""
+    """Encoding gives the nearest code, by rationals. (FP16 and FP32 here also check numpy's.)"""
     values = hard_values(format, np.random.default_rng(1), 100)
     expected = np.array([float_code(format, value) for value in values], np.uint64)
     codes = format.encode(values)
@@ -121,7 +121,7 @@ def test_float_encode(format):
 
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
 def test_float_decode(format):
-    """Values of finite codes, with and without sign; and of codes above them."""
+    """Values of finite codes, with and without sign; infinity and NaN above them."""
     codes = some_codes(np.random.default_rng(2), 0, infinity_code(format), 300)
     expected = np.array([float(float_value(format, int(code))) for code in codes])
     np.testing.assert_array_equal(format.decode(codes), expected)
@@ -141,7 +141,7 @@ def test_float_decode(format):
 
 @pytest.mark.parametrize(("ieee", "format"), [(np.float16, FP16), (np.float32, FP32)], ids=str)
 def test_float_is_ieee(ieee, format):
-    """A million values and more, and all codes of float16 (a sample of float32's), as numpy."""
+    """Over a million values, and all codes of float16 (a sample of float32's), as in numpy."""
     rng, unsigned = np.random.default_rng(4), np.dtype(f"u{format.width // 8}")
     codes = np.arange(2**16) if format is FP16 else rng.integers(0, 2**32, 2**18)
     codes = codes.astype(unsigned)
@@ -177,7 +177,7 @@ def test_float_nan():
 
 @pytest.mark.parametrize("format", SMALL + LARGE, ids=str)
 def test_float_codes_rise(format):
-    """Codes of values ≥ 0 compare as the values do, infinity above all."""
+    """Codes of values ≥ 0 have the order of the values, with infinity last."""
     values = hard_values(format, np.random.default_rng(5), 5000)
     codes = format.encode(np.sort(np.abs(values)))
     assert (codes[1:] >= codes[:-1]).all() and codes[0] == 0
@@ -203,7 +203,7 @@ def test_float_properties(format):
 
 @pytest.mark.parametrize("format", FIXED, ids=str)
 def test_fixed(format):
-    """Rounding of value / step in rationals, then the two ends; decoding the same way."""
+    """Encoding rounds value / step, by rationals, and saturates; decoding multiplies by step."""
     rounding = {"nearest-even": round, "floor": floor, "ceiling": ceil}[format.rounding]
     low = -(2 ** (format.width - 1)) if format.signed else 0
     high = low + 2**format.width - 1
@@ -216,7 +216,7 @@ def test_fixed(format):
     assert format.step == step
 
     grid = np.unique([float(k * step) for k in [*steps, low - 1, high + 1]])
-    near = rng.uniform(-20, 20, 200) * format.step  # many steps of float64 to one of ours
+    near = rng.uniform(-20, 20, 200) * format.step  # float64 is much finer than the format
     values = np.concatenate([around(grid), -grid, near, EXTREMES, anywhere(rng, 200)])
     values[np.isinf(values)] = 0
     expected = [min(max(rounding(Fraction(float(v)) / step), low), high) for v in values]
@@ -228,7 +228,7 @@ def test_fixed(format):
 
 @pytest.mark.parametrize("format", EVERY_CODE, ids=str)
 def test_every_code_returns(format):
-    """encode(decode(code)) is the code itself, but for the other codes of zero and NaN."""
+    """encode(decode(code)) is the code itself, except for the other codes of zero and NaN."""
     codes = np.arange(2**format.width)
     values = format.decode(codes)
     expected = codes.copy()
@@ -244,7 +244,7 @@ def test_every_code_returns(format):
 
 @pytest.mark.parametrize("format", [FP16, FP24, Fixed(4, 4), Fixed(4, 20, True), Bits(9)], ids=str)
 def test_shapes(format):
-    """Any shape comes back, scalars and empty arrays too; the input stays as it was."""
+    """The result has the input's shape, even if scalar or empty; the input is unchanged."""
     for shape in ((), (0,), (3,), (2, 0), (2, 3, 4)):
         values = np.ones(shape, np.int64 if isinstance(format, Bits) else np.float64)
         for result in (format.encode(values), format.round(values)):
@@ -253,7 +253,7 @@ def test_shapes(format):
 
 
 def test_code_dtypes():
-    """Codes come in the smallest unsigned dtype, from either side."""
+    """Codes have the smallest unsigned dtype that holds the width."""
     for width in range(1, 65):
         dtype = np.dtype(f"u{1 if width <= 8 else 2 if width <= 16 else 4 if width <= 32 else 8}")
         assert Bits(width).encode([0, 1]).dtype == dtype
@@ -264,7 +264,7 @@ def test_code_dtypes():
 
 
 def test_formats_are_values():
-    """Equal by content and usable as keys, as the hardware's layouts need it."""
+    """Formats are equal by content and usable as keys, which the hardware's layouts need."""
     same = Float(7, 16, subnormal=False)
     assert same == FP24 and hash(same) == hash(FP24)
     assert len({Fixed(4, 4), Fixed(4, 4), Fixed(4, 4, rounding="floor"), Bits(8), FP16, FP24}) == 5

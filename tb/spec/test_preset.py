@@ -1,4 +1,4 @@
-"""Preset files: what is written is read back equal, and what is wrong is told by file and key."""
+"""Preset files: a written machine reads back equal, and errors name the file and the key."""
 
 import re
 from dataclasses import replace
@@ -36,7 +36,7 @@ FIELDS = {
 
 @st.composite
 def machines(draw) -> tuple[Config, Config]:
-    """A machine that can be built, and the preset that it is described by."""
+    """Draw a base preset, and a buildable machine derived from it."""
     base = draw(st.sampled_from(list(PRESETS.values())))
     chosen = draw(st.lists(st.sampled_from(sorted(FIELDS)), unique=True))
     try:
@@ -49,14 +49,14 @@ def machines(draw) -> tuple[Config, Config]:
 
 @settings(max_examples=200, deadline=None)
 @given(machines())
-def test_what_is_written_is_read_back(tmp_path_factory, pair):
+def test_round_trip(tmp_path_factory, pair):
     base, config = pair
     path = tmp_path_factory.getbasetemp() / "machine.toml"
     write_preset(path, config, base, {"pes": "two\nlines # and a mark"}, about="head\nof two lines")
     assert find_preset(str(path)) == config
 
 
-def test_only_what_differs_is_written_under_its_reason():
+def test_file_holds_differences_with_their_reasons():
     config = replace(DEFAULT, name="small", pes=3, arithmetic=FP16)
     text = preset_text(config, DEFAULT, {"pes": "three\nwill do", "rasterizers": "no matter"})
     assert text.split("\n") == [
@@ -77,7 +77,7 @@ def test_names_and_files(tmp_path):
     text = 'base = "tiny"\nname = "mine"\ndepth = "FP16"\nenergy = { supply = 1 }'
     path = write(tmp_path / "x", text)
     assert find_preset(path) == replace(TINY, name="mine", depth=FP16, energy=Energy(supply=1.0))
-    with pytest.raises(InputError, match=r"preset 'x': unknown .*DEFAULT, PAPER, TINY"):
+    with pytest.raises(InputError, match=r"preset 'x': unknown; .*DEFAULT, PAPER, TINY"):
         find_preset("x")
 
 
@@ -87,36 +87,37 @@ def test_names_and_files(tmp_path):
         ("rasterizers = ", "is not TOML: "),
         ("a = " + "[" * 2000, "is not TOML: "),
         ("rasterisers = 2", "unknown key 'rasterisers'; did you mean 'rasterizers'?"),
-        ("xyz = 2", "unknown key 'xyz' (there are base, name, width_max, "),
-        ('base = "MINE"', f"base 'MINE' is unknown (there are {', '.join(PRESETS)})"),
+        ("xyz = 2", "unknown key 'xyz' (known: base, name, width_max, "),
+        ('base = "MINE"', f"base 'MINE' is unknown; choose one of {', '.join(PRESETS)}"),
         ("base = 1", "base 1 is unknown"),
-        ("rasterizers = 2.0", "rasterizers: 2.0 is no integer"),
-        ('energy = { supply = "high" }', "energy.supply: 'high' is no number"),
-        ("rasterizers = true", "rasterizers: True is no integer"),
-        ("skip_zeros = 1", "skip_zeros: 1 is no true or false"),
-        ("name = 1", "name: 1 is no string"),
-        ('name = "a/../b"', "name 'a/../b' is not of letters, digits, _ and -"),
-        ('name = "a\\nb"', "is not of letters"),
-        ('name = "default"', "name 'default' is that of a preset that is built in"),
+        ("rasterizers = 2.0", "rasterizers: 2.0 is not an integer"),
+        ('energy = { supply = "high" }', "energy.supply: 'high' is not a number"),
+        ("rasterizers = true", "rasterizers: True is not an integer"),
+        ("skip_zeros = 1", "skip_zeros: 1 is not true or false"),
+        ("name = 1", "name: 1 is not a string"),
+        ('name = "a/../b"', "name 'a/../b' may only have letters, digits, _ and -"),
+        ('name = "a\\nb"', "may only have letters"),
+        ('name = "default"', "name 'default' is the name of a built-in preset"),
         ('position = "there"', "position: 'there' is not one of chunk, absolute"),
-        ("sort_digits = 3", "sort_digits: 3 is no array"),
-        ("sort_digits = [3, true]", "sort_digits[1]: True is no integer"),
-        ("sh_index = [1]", "sh_index[0]: 1 is no array"),
-        ('arithmetic = "FP17"', "arithmetic: 'FP17' is no table of Float's fields and not one of"),
+        ("sort_digits = 3", "sort_digits: 3 is not an array"),
+        ("sort_digits = [3, true]", "sort_digits[1]: True is not an integer"),
+        ("sh_index = [1]", "sh_index[0]: 1 is not an array"),
+        ('arithmetic = "FP17"', "arithmetic: 'FP17' is not a table of Float's fields nor one of"),
         ("arithmetic = { exponent = 7 }", "arithmetic: 'fraction' is missing"),
         ("depth = { exponent = 7, bits = 3 }", "depth: unknown key 'bits'"),
         ("depth = { exponent = 1, fraction = 3 }", "depth: Float("),
         ("rasterizers = 3", "rasterizers 3 is not a power of two"),
         ("width_max = 5000", "width_max 5000 is not in 1 … 4096"),
-        ("address_bits = 40", "address_bits 40 is not a power of two from 32 on"),
+        ("address_bits = 40", "address_bits 40 is not a power of two ≥ 32"),
         ("address_bits = 128", "address_bits 128 is not in 32 … 64"),
         ("sum_fraction = 8", "sum_fraction 8 is not in 9 … 16"),
         ("arithmetic = { exponent = 7, fraction = 30 }", "arithmetic's fraction 30 is not in"),
-        ("arithmetic = { exponent = 7, fraction = 10, signed = false }", "arithmetic has no sign"),
+        ("arithmetic = { exponent = 7, fraction = 10, signed = false }",
+         "arithmetic must be signed"),
         ("exponent_fraction = 10\npixel_fraction = 13", "pixel_fraction 13 is above 12"),
         ("pixel_fraction = 6\npower_fraction = 7", "power_fraction 7 is above 6"),
         ("transmittance = 10", "faint (4, 11, 8) is not 1 ≤ a ≤ c ≤ b ≤ 10"),
-        ("transmittance = 10\nfaint = []", "weight 11 is above 10, which follows from"),
+        ("transmittance = 10\nfaint = []", "weight 11 is above 10, the limit set by"),
         ("weight = 7\ncolour_fraction = 6", "sum_fraction 13 is above 12"),
         ("page = 4\nburst = 8", "burst 8 is above 4"),
         ("pes = 1", "pes 1 in 1 arrays are fewer than 2"),
@@ -124,7 +125,7 @@ def test_names_and_files(tmp_path):
         ("colour_index = [[20, 20], [9]]", "colour_index or sh_index do not fit"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_by_file_and_key(tmp_path, text, error):
+def test_errors_name_file_and_key(tmp_path, text, error):
     path = write(tmp_path / "bad.toml", text)
     with pytest.raises(InputError, match=rf"^{re.escape(path)}: .*{re.escape(error)}") as found:
         find_preset(path)
@@ -133,7 +134,7 @@ def test_what_is_wrong_is_told_by_file_and_key(tmp_path, text, error):
 
 def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    for path, error in ((tmp_path, "directory"), (tmp_path / "bytes.toml", "is no text"),
+    for path, error in ((tmp_path, "directory"), (tmp_path / "bytes.toml", "is not UTF-8 text"),
                         (tmp_path / "none.toml", "No such file")):  # fmt: skip
         with pytest.raises(InputError, match=rf"{path}: .*{error}"):
             find_preset(str(path))
@@ -149,6 +150,6 @@ def test_commands_take_files(tmp_path, capsys):
 
 
 def test_there_is_one_way_to_find_a_preset():
-    """No command knows names only."""
+    """No command looks presets up by name only, so all accept files."""
     for path in (ROOT / "sim").rglob("*.py"):
         assert not re.search(r"\bPRESETS(\[|\.get)", path.read_text()), path.name

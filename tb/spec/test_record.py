@@ -1,4 +1,4 @@
-"""Records and bit streams against packing done with Python's integers."""
+"""Packed records and bit streams against packing with Python's integers."""
 
 import time
 
@@ -16,7 +16,7 @@ repeatable = settings(deadline=None, derandomize=True, database=None)
 
 
 def integer(format, codes, index: tuple[int, ...]) -> int:
-    """The oracle: record `index` as one integer of format.width bits."""
+    """Return record `index` as one integer of format.width bits (the oracle)."""
     if isinstance(format, Record):
         parts = [(inner.width, integer(inner, codes[f], index)) for f, inner in format.fields]
     elif isinstance(format, Array):
@@ -28,7 +28,7 @@ def integer(format, codes, index: tuple[int, ...]) -> int:
 
 
 def assert_same(got, expected):
-    """Equal codes of a record, field by field, in the same order."""
+    """Check that two records' codes are equal, field by field, in the same order."""
     if isinstance(expected, dict):
         assert list(got) == list(expected)
         for field in expected:
@@ -77,7 +77,7 @@ SPLAT = Record(
 
 
 def test_layout():
-    """By hand: the first field and element 0 in the least significant bits."""
+    """The first field, and element 0 of an array, are in the least significant bits."""
     assert SPLAT.offsets == {"position": 0, "depth": 34, "shape": 57, "live": 121}
     assert (SPLAT.width, SPLAT.size, SPLAT.offset("live")) == (122, 16, 121)
     assert SPLAT["shape"].offsets == {"a": 0, "b": 24, "c": 48}
@@ -101,7 +101,7 @@ def test_padding_is_zero_and_ignored():
 
 
 def test_values():
-    """encode and decode go through each field's format, in arrays and nested records too."""
+    """encode and decode apply each field's format, in arrays and nested records too."""
     values = {
         "position": np.array([[1.5, -3.02], [1e9, -1e9]]),
         "depth": np.array([2.0, -1.0]),
@@ -119,7 +119,7 @@ def test_values():
 
 
 def test_array_of_records():
-    """Fields of an array of records have the array's axis after N."""
+    """In an array of records, the array's axis of each field follows axis N."""
     corner = Record("corner", {"x": Bits(4), "y": Array(Bits(2), 2)})
     box = Record("box", {"corner": Array(corner, 2)})
     codes = {"corner": {"x": np.array([[1, 2]]), "y": np.array([[[0, 1], [2, 3]]])}}
@@ -129,7 +129,7 @@ def test_array_of_records():
 
 
 def test_records_are_values():
-    """Equal by name and ordered fields; usable as keys."""
+    """Records are equal by name and ordered fields, and usable as keys."""
     a, b = Bits(3), FP24
     record = Record("r", {"a": a, "b": b})
     again = Record("r", (("a", a), ("b", b)))
@@ -203,7 +203,7 @@ def test_impossible_records_are_refused():
 
 
 def test_half_a_million_records():
-    """Ten fields, 128 bits: a whole scene packs and unpacks in well under a second."""
+    """Ten fields, 128 bits: 500,000 records pack, and unpack, in less than a second each."""
     widths = (7, 13, 16, 24, 1, 24, 11, 16, 9, 7)
     record = Record("r", {f"f{k}": Bits(width) for k, width in enumerate(widths)})
     codes = random_codes(record, (500_000,), np.random.default_rng(1))

@@ -1,1 +1,1 @@
-"""Stages under cocotb, a file for each: its component and its cases, from the golden model."""
+"""Stages under cocotb, one file per stage: its component, and its cases from the golden model."""

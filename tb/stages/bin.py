@@ -1,6 +1,6 @@
 """Bin: splats in; features, bursts of lists and the table of groups out, frame after frame.
 
-Full are the pages that lists may take. Equal depths tie, as keys; whoever comes first stays first.
+Full: the lists need more pages than there are. Tie: equal depths, as keys; order is kept.
 """
 
 from functools import partial
@@ -15,7 +15,7 @@ from tb.helpers.feeds import Feed
 
 NEAR = int(TINY.arithmetic.encode(0.2))
 SIZE = TINY.width_max, TINY.height_max
-EACH = 8  # splats of each sort
+EACH = 8  # splats of each kind
 
 component = partial(BinFrames, TINY)
 
@@ -39,7 +39,7 @@ def feed(frame: Frame) -> Feed:
 
 
 def largest(codes: Codes) -> Codes:
-    """The same splats, as far away and as large as numbers can be."""
+    """The same splats with the largest depths and sizes of the format."""
     most = int(TINY.arithmetic.encode(TINY.arithmetic.max))
     names = ("z", "half_width", "half_height")
     return codes | {name: np.full_like(codes[name], most) for name in names}

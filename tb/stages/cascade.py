@@ -1,4 +1,4 @@
-"""A sub-sorter that is a cascade of merges: batches in, the same in order out.
+"""A sub-sorter that is a cascade of merges: batches in, sorted batches out.
 
 No empty: a batch has at least one entry.
 """

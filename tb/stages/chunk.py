@@ -1,6 +1,6 @@
-"""Chunk: headers of a model's chunks in, those in view out.
+"""Chunk: headers of a model's chunks in, headers of chunks in view out.
 
-No tie: a chunk's bounds are moved outward, so that no camera brings one to the near plane exactly.
+No tie: a chunk's bounds are rounded outward, so no camera puts one exactly on the near plane.
 """
 
 from functools import partial

@@ -1,4 +1,4 @@
-"""Cull: points in, those in front of the near plane out; a full chunk, points on the near plane."""
+"""Cull: points in, points in front of the near plane out. Full: a full chunk. Tie: on the plane."""
 
 from functools import partial
 

@@ -1,6 +1,6 @@
-"""Expand, stage 3's second step: splats in, a pair for each of their live tiles out.
+"""Expand, stage 3's second step: splats in, one pair per live tile of a splat out.
 
-No tie: it compares nothing. No saturated: splats pass as they are.
+No tie: it has no comparisons. No saturated: splats pass unchanged.
 """
 
 from functools import partial

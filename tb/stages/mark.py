@@ -1,5 +1,5 @@
-"""Mark, stage 3's fourth step: E around tiles in, with the blocks that it may reach out; blocks
-that E reaches exactly."""
+"""Mark, stage 3's fourth step: E around tiles in, the same with the blocks that it may reach out.
+Tie: blocks that E reaches exactly."""
 
 from splatcore.hdl.raster.mark import Mark
 from splatcore.spec.config import TINY

@@ -1,4 +1,4 @@
-"""Place: points in front in, those in the guard band out; points at its bounds."""
+"""Place: points in front in, points in the guard band out. Tie: points at its bounds."""
 
 from functools import partial
 

@@ -1,6 +1,6 @@
-"""Prepare, stage 3's first step: features in, the integers of setup out.
+"""Prepare, stage 3's first step: features in, integers for setup out.
 
-No tie: it compares nothing.
+No tie: it has no comparisons.
 """
 
 from functools import partial

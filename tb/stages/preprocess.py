@@ -1,4 +1,4 @@
-"""Preprocess, a frame's first half: a packed model in memory in, a work area in memory out."""
+"""Preprocess, a frame's first half: packed model in memory in, work area in memory out."""
 
 from splatcore.hdl.points.preprocess import Preprocess
 from splatcore.spec.axi import PREPROCESSING

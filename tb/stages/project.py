@@ -1,6 +1,6 @@
 """Project: points in the guard band and their attributes in, splats out.
 
-No tie: splats are compared with nothing.
+No tie: it has no comparisons of splats.
 """
 
 from functools import partial

@@ -1,6 +1,6 @@
 """Stage 3 as a whole: groups' splats in, finished blocks of each rasterizer out.
 
-No tie: splats are blended in the order in which they come, whatever their depths.
+No tie: splats are blended in their input order, independent of their depths.
 """
 
 from functools import partial

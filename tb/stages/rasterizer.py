@@ -1,6 +1,6 @@
 """A rasterizer: pairs with its blocks in, the groups' finished blocks out.
 
-No tie: splats are blended in the order in which they come, whatever their depths.
+No tie: splats are blended in their input order, independent of their depths.
 """
 
 from functools import partial

@@ -1,4 +1,4 @@
-"""Render, a frame's second half: a work area in memory in, an image in memory out."""
+"""Render, a frame's second half: work area in memory in, image in memory out."""
 
 from splatcore.hdl.raster.render import Render
 from splatcore.spec.axi import RENDERING

@@ -1,6 +1,6 @@
 """Setup, stage 3's third step: splats and tiles in, E around the tiles out.
 
-No tie: it compares nothing.
+No tie: it has no comparisons.
 """
 
 from splatcore.hdl.raster.setup import Setup

@@ -1,4 +1,4 @@
-"""Sort: jobs and their entries in, the entries in order and marks behind groups out."""
+"""Sort: jobs and their entries in, sorted entries and a mark after each group out."""
 
 from functools import partial
 
@@ -13,10 +13,10 @@ from tb.helpers.sort_cases import KEYS, entries_with, keys_of
 
 MOST = half_entries(TINY)
 COUNTS = [MOST, MOST, 0, MOST - 1, 1, 17, 0, 0, 16, 15, 33, MOST, 2]
-"""Entries of the jobs: as many as can be merged at once, and around a batch."""
+"""Entries per job: the maximum of one merge, and around the size of a batch."""
 
 LAST = [1, 0, 1, 0, 0, 1, 1, 0, 1, 1, 1, 0, 1]
-"""Jobs with which a group ends."""
+"""Whether a job is the last of its group."""
 
 component = partial(Sort, TINY)
 

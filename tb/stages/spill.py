@@ -1,9 +1,10 @@
-"""Sort with lists that do not fit on chip: dealing into buckets in scratch memory, and sorting.
+"""Sort with lists that do not fit on chip: dealing into buckets in scratch memory, then sorting.
 
 No empty: groups without entries have no list.
 
-How a long list is dealt follows from the keys of the one before. Each case ends with a list that
-has keys of all sizes, as after a reset, so that a case is the same whatever came before it.
+The bounds of a long list's buckets depend on the keys of the previous long list. Each case ends
+with a list of keys of all sizes, which leaves the state after a reset, so cases do not depend on
+each other.
 """
 
 from functools import partial

@@ -1,4 +1,4 @@
-"""A sub-sorter of OR-trees: batches in, the same in order out.
+"""A sub-sorter of OR-trees: batches in, sorted batches out.
 
 No empty: a batch has at least one entry.
 """

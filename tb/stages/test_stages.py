@@ -1,4 +1,4 @@
-"""Each stage under cocotb, in Verilator and, where it is installed, in Icarus."""
+"""Each stage under cocotb, in Verilator and, if installed, in Icarus."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -16,7 +16,7 @@ STAGES = {
     for module in iter_modules(stages.__path__)
     if not module.name.startswith("test_")
 }
-"""Every file of this folder: `component` makes the stage, `cases` what it is given."""
+"""Every file in this folder: `component` makes the stage, `cases` its cases."""
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +25,7 @@ SIMULATORS = ["verilator", pytest.param("icarus", marks=(needs_icarus, pytest.ma
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_stages_have_all_cases(stage):
-    """Or say why they have none of a kind."""
+    """Or their docstring explains why a kind is missing."""
     module = STAGES[stage]
     for kind in KINDS:
         assert (kind in module.cases()) != (f"No {kind}: " in " ".join(module.__doc__.split()))
@@ -33,10 +33,10 @@ def test_stages_have_all_cases(stage):
 
 WRONG = {
     "o, item 1 is": lambda rows: rows ^ (np.arange(len(rows)) == 1)[:, None].astype(np.uint8),
-    "o has given": lambda rows: rows[:-1],
-    "nothing comes any more": lambda rows: np.concatenate([rows, rows[:1]]),
+    "o has": lambda rows: rows[:-1],
+    "no output for": lambda rows: np.concatenate([rows, rows[:1]]),
 }
-"""Changes of what must come out, by what they are found as."""
+"""Changes of the expected outputs, by the message that they cause."""
 
 
 @pytest.mark.parametrize("found", WRONG)

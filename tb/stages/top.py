@@ -1,4 +1,4 @@
-"""The whole machine between a host and memory: packed models in, images out. Of frames in a row
+"""The whole machine between a host and memory: packed models in, images out; with frames in a row
 two are in flight."""
 
 from functools import partial

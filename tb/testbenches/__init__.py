@@ -1,1 +1,1 @@
-"""cocotb testbenches, which run inside a simulator; tests start them."""
+"""cocotb testbenches: they run inside a simulator that a test starts."""

@@ -1,4 +1,4 @@
-"""The testbench of `hdl.memory.axi`: traffic, errors, and halves that fail."""
+"""Testbench of `hdl.memory.axi`: traffic, errors, and halves that fail."""
 
 import logging
 import random
@@ -11,15 +11,15 @@ from tb.helpers.streams import PERIOD, at_random, bursts, mostly, never, timed_t
 
 PATTERNS = [never, at_random, mostly, bursts]
 
-ROUNDS, WAIT_MAX = 6, 60  # failures of a half, and the cycles after which each comes at most
-TIMEOUT = 20_000 * PERIOD  # time in ns in which every test ends
+ROUNDS, WAIT_MAX = 6, 60  # failures of a half; maximum cycles before each of them
+TIMEOUT = 20_000 * PERIOD  # time limit of each test in ns
 
-logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memories tell of every burst
+logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memories log every burst
 
 
 @timed_test(TIMEOUT, kind=["ram", "mixed"], pattern=PATTERNS)
 async def traffic(dut, kind, pattern):
-    """All that is read and written is right."""
+    """All data read and written are right."""
     bench = Bench(dut, kind, pattern)
     await bench.start()
     bench.load()
@@ -30,7 +30,7 @@ async def traffic(dut, kind, pattern):
 
 @timed_test(TIMEOUT, pattern=[never, at_random])
 async def errors(dut, pattern):
-    """Errors are told of exactly those clients that have met one; the others are not disturbed."""
+    """Errors are reported for exactly the clients that met one; other clients are not disturbed."""
     bench = Bench(dut, "mixed", pattern)
     await bench.start()
     bench.load()
@@ -52,7 +52,7 @@ async def errors(dut, pattern):
 
 @timed_test(TIMEOUT, pattern=PATTERNS, half=[PREPROCESSING, RENDERING])
 async def one_half_fails(dut, pattern, half):
-    """A half that fails at any moment comes to rest; the other one is not disturbed."""
+    """A half that fails at any time becomes idle; the other half is not disturbed."""
     bench = Bench(dut, "mixed", pattern)
     await bench.start()
     bench.load((1 - half,))
@@ -62,15 +62,15 @@ async def one_half_fails(dut, pattern, half):
         await ClockCycles(dut.clk, random.randint(1, WAIT_MAX))
         while number == 0 and max(bench.inside[k] for k in writers) < 2:
             await RisingEdge(dut.clk)
-        bench.silent[half] = random.random() < 0.5  # else they go on to offer
+        bench.silent[half] = random.random() < 0.5  # else they continue to offer
         dut.failing.value = 1 << half
         await ClockCycles(dut.clk, 2)
-        assert number or any(bench.inside[k] for k in writers), "no burst was broken off"
+        assert number or any(bench.inside[k] for k in writers), "no burst was interrupted"
         while not int(dut.idle.value) >> half & 1:
             await RisingEdge(dut.clk)
         bench.silent[half] = True
         await ClockCycles(dut.clk, 2)
-        bench.give_up(half)
+        bench.abort(half)
         dut.failing.value = 0
         bench.silent[half] = False
     bench.load((half,))

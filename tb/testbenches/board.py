@@ -1,4 +1,4 @@
-"""A board in simulation: its UART is a serial port of this computer until a file says to end."""
+"""A simulated board: its UART is a serial port of this computer, until a file `end` exists."""
 
 import os
 import tty
@@ -12,7 +12,7 @@ from cocotbext.uart import UartSink, UartSource
 
 from splatcore.sim.rtl.cocotb_runner import parameters
 
-CHARACTERS, BITS = 4, 10  # for which bytes pass unseen, and of each with start and stop
+CHARACTERS, BITS = 4, 10  # polling interval in characters; bits per character, start and stop incl.
 
 
 @cocotb.test()

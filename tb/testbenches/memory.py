@@ -1,8 +1,10 @@
-"""The testbench of stages on memory: `cocotbext-axi`'s, with pauses on its channels.
+"""Testbench of stages on memory: `cocotbext-axi`'s memory, with pauses on its channels.
 
-Parameters: the folder with the cases (`tb.helpers.frame_cases`), to which a line is added for each
-run; whether few runs are enough. A half of the machine is started by its ports, the whole of it by
-its registers.
+Parameters
+    folder: of the cases (`tb.helpers.frame_cases`); its file `summary` gets one line per run
+    few: whether to do few runs
+
+A half of the machine is started by its ports, the whole machine by its registers.
 """
 
 import json
@@ -43,20 +45,20 @@ PATTERNS = {
     "random": (at_random, at_random),
     "bursts": (bursts, bursts),
 }
-"""Pauses of the channels by which is read, and of those by which is written."""
+"""Pauses of the read channels and of the write channels."""
 
 SHORT = ("tie", "empty")
-"""Cases of few cycles."""
+"""Cases with few cycles."""
 
 RESETS = 2
-SETTLING = 4  # cycles for which a half's ports stand before its frame begins
+SETTLING = 4  # cycles between setting a half's ports and starting its frame
 EVENTS = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
 
-logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memory tells of every burst
+logging.getLogger("cocotb").setLevel(logging.WARNING)  # the memory logs every burst
 
 
 def some(patterns: Iterable[str]) -> list[str]:
-    """These patterns, or where few are to be run bursts."""
+    """These patterns, or only "bursts" if few runs are wanted."""
     return ["bursts"] if FEW else list(patterns)
 
 
@@ -81,7 +83,7 @@ class Half:
         pass
 
     async def work(self, names: list[str], bench: "Bench"):
-        """A frame after the other; what each leaves is compared before the next one begins."""
+        """Run frames one after the other; compare each one's results before the next begins."""
         for name in names:
             self.set_ports(name)
             bench.put(name)
@@ -101,7 +103,7 @@ class Half:
 
 
 class Host:
-    """A driver of the whole machine, as software would be."""
+    """A driver of the whole machine, like software."""
 
     def __init__(self, dut, pattern: str):
         self.dut = dut
@@ -122,7 +124,7 @@ class Host:
         return int.from_bytes(found.data, "little")
 
     async def wait(self, bit: int):
-        """Until the interrupt has had that bit."""
+        """Wait until INTERRUPT has had a bit."""
         seen = 0
         while not seen & bit:
             while not int(self.dut.interrupt.value):
@@ -133,8 +135,8 @@ class Host:
             assert not seen & registers.INTERRUPT_ERROR, hex(await self.read("ERROR"))
 
     async def work(self, names: list[str], bench: "Bench"):
-        """Each frame is started as soon as the machine is ready, while the one before it is being
-        rendered; what all leave is compared at the end."""
+        """Start each frame as soon as the machine is ready, while the previous one is rendered;
+        compare all results at the end."""
         finished = await self.read("FINISHED") + len(names)
         for name in names:
             bench.put(name)
@@ -151,7 +153,7 @@ class Host:
 
 
 class Bench:
-    """A stage, its memory, and who starts it."""
+    """A stage, its memory, and its driver."""
 
     def __init__(self, dut, pattern: str):
         self.dut, self.pattern, self.cycles = dut, pattern, 0
@@ -172,7 +174,7 @@ class Bench:
             self.cycles += 1
 
     def put(self, name: str):
-        """A frame's memory; what is to be written is anything but that."""
+        """Write a frame's input to memory, and wrong bytes where its results belong."""
         for address, given in CASES[name]["after"]:
             self.ram.write(address, bytes(byte ^ 0xFF for byte in bytes.fromhex(given)))
         for address, given in CASES[name]["before"]:
@@ -189,7 +191,7 @@ class Bench:
             )
 
     async def check(self, names: list[str], label: str) -> int:
-        """Cases one after the other. Returns the cycles."""
+        """Run cases one after the other. Returns the cycles."""
         before = self.cycles
         await self.driver.work(names, self)
         given, taken = (
@@ -197,15 +199,15 @@ class Bench:
             for way in ("before", "after")
         )
         passed = self.cycles - before
-        with (FOLDER / "told").open("a") as told:
+        with (FOLDER / "summary").open("a") as summary:
             line = f"{label}, {self.pattern}: {given} bytes in, {taken} out, {passed} cycles"
-            print(line, file=told)
+            print(line, file=summary)
         return passed
 
 
 @timed_test(TIMEOUT, case=[] if FEW else list(CASES), pattern=["free", "starved", "blocked"])
 async def each_case(dut, case, pattern):
-    """Memory holds what it must, whoever waits."""
+    """Memory has the expected contents under all patterns of pauses."""
     bench = Bench(dut, pattern)
     await bench.begin()
     await bench.check([case], case)
@@ -213,7 +215,7 @@ async def each_case(dut, case, pattern):
 
 @timed_test(TIMEOUT, pattern=some(["free", "random", "bursts"]))
 async def frames_in_a_row(dut, pattern):
-    """All cases without a reset between: nothing stays from the one before."""
+    """All cases without a reset in between: no state remains from the previous case."""
     bench = Bench(dut, pattern)
     await bench.begin()
     await bench.check(list(SHORT if FEW else CASES), "in a row")
@@ -221,7 +223,7 @@ async def frames_in_a_row(dut, pattern):
 
 @timed_test(TIMEOUT, pattern=[] if FEW else ["bursts"])
 async def reset_in_the_middle(dut, pattern):
-    """After a reset at any time all is as if nothing had been before."""
+    """After a reset at any time no state remains."""
     bench, case = Bench(dut, pattern), "full"
     await bench.begin()
     cycles = await bench.check([case], "before a reset")

@@ -1,4 +1,4 @@
-"""Testbench of `hdl.registers`: a host on AXI4-Lite with pauses, and the machine's side of it."""
+"""Testbench of `hdl.registers`: a host on AXI4-Lite with pauses, and the machine's ports."""
 
 import logging
 import random
@@ -24,12 +24,12 @@ INPUTS = ("locked", "status", "ready_event", "frame_event", "error", "gives_up")
 VALUES = ("counters", "needed", "started", "finished")
 ANY = 0xFFFF_FFFF
 
-logging.getLogger("cocotb").setLevel(logging.WARNING)  # the host tells of every access
+logging.getLogger("cocotb").setLevel(logging.WARNING)  # the host logs every access
 
 
 @dataclass
 class Host:
-    """The accesses of software."""
+    """Register accesses of software."""
 
     dut: object
     master: AxiLiteMaster
@@ -55,12 +55,12 @@ class Host:
             self.aborts += int(self.dut.abort.value)
 
     async def write(self, address: int, value: int, size: int = registers.WORD) -> int:
-        """The response."""
+        """Write a register; the response."""
         done = await self.master.write(address, value.to_bytes(registers.WORD, "little")[:size])
         return int(done.resp)
 
     async def read(self, address: int) -> tuple[int, int]:
-        """Value and response."""
+        """Read a register; value and response."""
         done = await self.master.read(address, registers.WORD)
         return int.from_bytes(done.data, "little"), int(done.resp)
 
@@ -78,7 +78,7 @@ class Host:
         getattr(self.dut, name).value = 0
 
     def frame(self) -> dict[str, int]:
-        """The frame's registers as the machine has them."""
+        """The frame's registers, from the port to the machine."""
         value, found = int(self.dut.frame.value), {}
         for register in FRAME:
             found[register.name] = value % (1 << register.width)
@@ -92,7 +92,7 @@ def error(code: registers.ErrorCode, detail: int = 0, halves: int = 0) -> int:
 
 @timed_test(TIMEOUT, pattern=PATTERNS)
 async def every_address_is_read(dut, pattern):
-    """Registers give their values, all else an error and 0."""
+    """Registers return their values, other addresses 0 and an error."""
     host = await Host.begin(dut, pattern)
     values = {name: random.getrandbits(len(getattr(dut, name))) for name in VALUES}
     values["status"] = random.getrandbits(len(dut.status))
@@ -152,7 +152,7 @@ async def locked_registers_stay(dut, pattern):
 
 @timed_test(TIMEOUT, pattern=PATTERNS)
 async def commands(dut, pattern):
-    """START where READY says so, ABORT always; the first error stays."""
+    """START works if READY is high, ABORT always; the first error stays."""
     host = await Host.begin(dut, pattern)
     await host.put("CONTROL", registers.START)
     assert (host.starts, host.aborts) == (0, 0)
@@ -175,8 +175,8 @@ async def commands(dut, pattern):
 
 
 @timed_test(TIMEOUT, pattern=PATTERNS)
-async def halves_that_give_up(dut, pattern):
-    """They are gathered though the first error stays, until ERROR is written."""
+async def halves_that_fail(dut, pattern):
+    """Bits of failed halves accumulate until ERROR is written, though the first error stays."""
     host = await Host.begin(dut, pattern)
 
     async def fail(code, detail: int, halves: int):
@@ -219,7 +219,7 @@ async def interrupts(dut, pattern):
 
 @timed_test(TIMEOUT, pattern=PATTERNS)
 async def many_at_once(dut, pattern):
-    """A host that waits for no answer has all of them, each its own."""
+    """A host that does not wait for answers gets all of them, each its own."""
     host = await Host.begin(dut, pattern)
     names = [register.name for register in FRAME]
     values = {name: random.getrandbits(8) for name in names}
@@ -243,7 +243,7 @@ async def event_when_cleared(dut, pattern):
     host = await Host.begin(dut, pattern)
     await host.put("INTERRUPT_ENABLE", registers.INTERRUPT_FRAME)
     cleared, found = 0, []
-    for cycles in range(12):  # until the event; at first there is none
+    for cycles in range(12):  # before the event; first without one
         await host.pulse("frame_event")
         task = cocotb.start_soon(host.write(ADDRESS["INTERRUPT"], registers.INTERRUPT_FRAME))
         await ClockCycles(dut.clk, cycles or 1)
@@ -262,7 +262,7 @@ async def event_when_cleared(dut, pattern):
 
 @timed_test(TIMEOUT, pattern=[never])
 async def errors_in_one_cycle(dut, pattern):
-    """An error from outside goes before one of the host in the same cycle."""
+    """An error of the machine has priority over one of the host in the same cycle."""
     host = await Host.begin(dut, pattern)
     await host.put("INTERRUPT_ENABLE", registers.INTERRUPT_ERROR)
     found = []
@@ -273,7 +273,7 @@ async def errors_in_one_cycle(dut, pattern):
         task = cocotb.start_soon(host.write(ADDRESS["CONTROL"], registers.START))
         await ClockCycles(dut.clk, cycles)
         await host.pulse("error", 1 | error(registers.ErrorCode.READ, 2) << 1)
-        late = bool(dut.interrupt.value)  # in the pulse's cycle: the host's error came before
+        late = bool(dut.interrupt.value)  # in the pulse's cycle: the host's error came first
         assert await task == OKAY
         code = await host.get("ERROR")
         found.append(late)

@@ -1,8 +1,9 @@
-"""The testbench of a stage without memory: rows of its in streams under stalls, rows of its out
-streams compared, every bit; from case to case with and without a reset.
+"""Testbench of a stage without memory: send its input rows with stalls and compare its output rows
+bit by bit; with and without a reset between cases.
 
-Parameters: the folder with the cases (`tb.helpers.feeds`), to which a line is added for each run;
-whether few runs are enough.
+Parameters
+    folder: of the cases (`tb.helpers.feeds`); its file `summary` gets one line per run
+    few: whether to do few runs
 """
 
 import json
@@ -39,16 +40,16 @@ PATTERNS = {
     "blocked": (never, long_stalls),
     "bursts": (bursts, bursts),
 }
-"""Idle pattern of the in streams and stall pattern of the out streams."""
+"""Idle pattern of input streams and stall pattern of output streams."""
 
-IDLE_MAX = 10_000  # cycles in which something comes, unless the stage hangs
+IDLE_MAX = 10_000  # cycles without output after which the stage counts as hung
 RESETS = 1 if FEW else 4
-TAIL = 64  # cycles that a run goes on after its last row, in which nothing more may come
-SETTLING = 2  # cycles for which other inputs stand before a frame begins
+TAIL = 64  # cycles after the last expected row, to detect additional rows
+SETTLING = 2  # cycles between setting other inputs and starting a frame
 
 
 def some(patterns: Iterable[str]) -> list[str]:
-    """These patterns, or where few are to be run bursts."""
+    """These patterns, or only "bursts" if few runs are wanted."""
     return ["bursts"] if FEW else list(patterns)
 
 
@@ -74,7 +75,7 @@ class Bench:
             port.value = value % (1 << len(port))
 
     async def work(self, feed: dict, pattern: str):
-        """All goes in and comes out."""
+        """Send all inputs and receive all outputs of a frame."""
         idle, stall = PATTERNS[pattern]
         self.constants(feed)
         await ClockCycles(self.dut.clk, SETTLING)
@@ -92,8 +93,8 @@ class Bench:
         for task in self.tasks:
             await task
 
-    async def breaks_off(self, feed: dict, pattern: str, cycles: int):
-        """The same for some cycles, then a reset."""
+    async def interrupt(self, feed: dict, pattern: str, cycles: int):
+        """Do the same for some cycles, then reset."""
         self.tasks = []
         whole = cocotb.start_soon(self.work(feed, pattern))
         await ClockCycles(self.dut.clk, cycles)
@@ -106,7 +107,7 @@ class Bench:
         await reset(self.dut, random.randint(1, 3))
 
     async def check(self, names: list[str], pattern: str, label: str) -> int:
-        """Cases one after the other; what came, and that nothing follows. Returns the cycles."""
+        """Run cases one after the other and compare all outputs. Returns the cycles."""
         for monitor in self.monitors.values():
             monitor.clear()
         task = cocotb.start_soon(self.count())
@@ -122,7 +123,7 @@ class Bench:
         return self.passed
 
     async def count(self):
-        """Count cycles; AssertionError if nothing comes any more."""
+        """Count cycles; AssertionError if there is no output for IDLE_MAX cycles."""
         self.passed, last, came = 0, 0, {}
         while True:
             await RisingEdge(self.dut.clk)
@@ -130,7 +131,7 @@ class Bench:
             if self.passed - last == IDLE_MAX:
                 before, last = came, self.passed
                 came = {name: len(monitor.payloads) for name, monitor in self.monitors.items()}
-                assert came != before, f"nothing comes any more; items so far: {came}"
+                assert came != before, f"no output for {IDLE_MAX} cycles; items so far: {came}"
 
     def compare(self, names: list[str], label: str):
         for stream, monitor in self.monitors.items():
@@ -140,22 +141,22 @@ class Bench:
                     f"{label}: {stream}, item {k} is {found:#x}, not {right:#x}"
                 )
             count = len(monitor.payloads)
-            assert count == len(rows), f"{label}: {stream} has given {count} items, not {len(rows)}"
+            assert count == len(rows), f"{label}: {stream} has {count} items, not {len(rows)}"
         given = sum(len(rows) for name in names for rows in CASES[name]["inputs"].values())
         taken = sum(len(monitor.payloads) for monitor in self.monitors.values())
-        with (FOLDER / "told").open("a") as told:
-            print(f"{label}: {given} items in, {taken} out, {self.passed} cycles", file=told)
+        with (FOLDER / "summary").open("a") as summary:
+            print(f"{label}: {given} items in, {taken} out, {self.passed} cycles", file=summary)
 
 
 def expected(feed: dict, stream: str) -> list[tuple[int, int]]:
-    """Payloads of an out stream, each with those of its bits that matter."""
+    """Expected payloads of an output stream, each with a mask of the bits that matter."""
     rows = feed["expected"][stream]
     return list(zip(rows, feed["care"].get(stream, [-1] * len(rows)), strict=True))
 
 
 @timed_test(CYCLES_MAX * PERIOD, case=[] if FEW else list(CASES), pattern=list(PATTERNS))
 async def each_case(dut, case, pattern):
-    """All items come out in order and are held while they are not taken."""
+    """All items come out in order, and offers are kept."""
     bench = Bench(dut)
     await bench.begin()
     await bench.check([case], pattern, case)
@@ -163,7 +164,7 @@ async def each_case(dut, case, pattern):
 
 @timed_test(CYCLES_MAX * PERIOD, pattern=some(["free", "bursts"]))
 async def frames_in_a_row(dut, pattern):
-    """All cases, and all again, without a reset between: nothing stays from the one before."""
+    """All cases twice without a reset in between: no state remains from the previous case."""
     bench = Bench(dut)
     await bench.begin()
     again = [] if FEW else reversed(CASES)
@@ -172,10 +173,10 @@ async def frames_in_a_row(dut, pattern):
 
 @timed_test(CYCLES_MAX * PERIOD, pattern=some(["free", "bursts"]))
 async def reset_in_the_middle(dut, pattern):
-    """After a reset at any time all is as if nothing had been before."""
+    """After a reset at any time no state remains."""
     bench, case = Bench(dut), "full"
     await bench.begin()
     cycles = await bench.check([case], pattern, "before a reset")
     for _ in range(RESETS):
-        await bench.breaks_off(CASES[case], pattern, random.randint(1, cycles))
+        await bench.interrupt(CASES[case], pattern, random.randint(1, cycles))
         await bench.check([case], pattern, "after a reset")

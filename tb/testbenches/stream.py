@@ -1,7 +1,11 @@
-"""Testbench of `hdl.lib.stream`: parts side by side in one simulation, each on its own.
+"""Testbench of `hdl.lib.stream`: unconnected parts in one simulation.
 
-Parameters: by part its latency, how many items it holds, its count of outputs, whether it has a
-level, and its pace: cycles from an item to the next where nothing stalls.
+Parameters, by part
+    latency: cycles
+    capacity: items that it can hold
+    outputs: number of output streams
+    level: whether it has a port `level`
+    pace: cycles per item without stalls
 """
 
 import random
@@ -20,13 +24,13 @@ COUNT = 30 if FEW else 40
 PATTERNS = [streams.at_random] if FEW else streams.STALLS
 
 TIMEOUT = 50 * COUNT * streams.PERIOD
-"""Time in ns in which every test ends, unless it waits for an item that is lost."""
+"""Time limit of each test in ns, which ends a wait for a lost item."""
 
-AFTERMATH = 20  # cycles after the last item in which another would show
+AFTERMATH = 20  # cycles after the last item, to detect additional items
 
 
 class Probe:
-    """One part with monitors on all its streams, reset."""
+    """A part with monitors on all its streams."""
 
     def __init__(self, dut, name: str):
         part = PARTS[name]
@@ -49,7 +53,7 @@ class Probe:
             cocotb.start_soon(self.watch_level())
 
     async def watch_level(self):
-        """The level is what has come in and not gone out, in every cycle."""
+        """Check in every cycle that the level is the number of items inside."""
         inside = 0
         while True:
             await RisingEdge(self.dut.clk)
@@ -59,14 +63,14 @@ class Probe:
                 inside = 0
 
     def cycles(self, first: int) -> list[int]:
-        """Those in which items pass from the first one on, if nothing stalls."""
+        """Cycles of all transfers without stalls. first: of the first transfer."""
         return list(range(first, first + COUNT * self.pace, self.pace))
 
     def items(self, count: int) -> list[int]:
         return [random.getrandbits(len(self.i.payload)) for _ in range(count)]
 
     async def pass_on(self, items: list[int], idle, stall):
-        """Send and receive items under stalls; exactly they come out, in order, on every output."""
+        """Send items with stalls; every output must have exactly these items, in order."""
         receivers = [cocotb.start_soon(streams.receive(o, len(items), stall())) for o in self.o]
         await Combine(cocotb.start_soon(streams.send(self.i, items, idle())), *receivers)
         await self.aftermath()
@@ -74,7 +78,7 @@ class Probe:
             assert receiver.result() == items
 
     async def aftermath(self):
-        """Nothing more comes out."""
+        """Check that no more items come out."""
         passed = [len(monitor.payloads) for monitor in self.monitors]
         for o in self.o:
             o.ready.value = 1
@@ -94,7 +98,7 @@ async def order(dut, part, idle, stall):
 
 @streams.timed_test(TIMEOUT, part=list(PARTS))
 async def throughput(dut, part):
-    """Without stalls an item passes every `pace` cycles, `latency` cycles after it went in."""
+    """Without stalls an item comes out every `pace` cycles, `latency` cycles after its input."""
     probe = Probe(dut, part)
     await probe.start()
     items = probe.items(COUNT)
@@ -111,7 +115,7 @@ async def throughput(dut, part):
 
 @streams.timed_test(TIMEOUT, part=list(PARTS))
 async def capacity(dut, part):
-    """Behind an output that never takes, just so many items fit; then all leave without a gap."""
+    """With a stalled output exactly `capacity` items fit; afterwards all leave without a gap."""
     probe = Probe(dut, part)
     await probe.start()
     items = probe.items(COUNT)
@@ -130,7 +134,7 @@ async def capacity(dut, part):
 
 @streams.timed_test(TIMEOUT, part=list(PARTS))
 async def reset_empties(dut, part):
-    """After a reset at any moment nothing that went in before comes out."""
+    """After a reset at any time no earlier item comes out."""
     probe = Probe(dut, part)
     await probe.start()
     for before in range(2 if FEW else 12):
@@ -146,7 +150,7 @@ async def reset_empties(dut, part):
 
 @streams.timed_test(TIMEOUT, part=[name for name, part in PARTS.items() if part["outputs"] > 1])
 async def outputs_do_not_wait(dut, part):
-    """An output has its item while another has not taken it, and has it once."""
+    """Each output gets an item once, even while another output is stalled."""
     probe = Probe(dut, part)
     await probe.start()
     items = probe.items(2)

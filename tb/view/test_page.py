@@ -56,7 +56,7 @@ def opened(setting):
     """A page of 120×100 pixels, its client, and stand-ins for its worker and simulator."""
     client, desk, other = PageClient(120, 100), Desk(), Desk()
     shown = Page(client, setting, desk, lambda: other)
-    client.camera.told()  # as the browser does where it has been placed
+    client.camera.report()  # as the browser does where it has been placed
     until(lambda: desk.requests)
     yield shown, client, desk, other
     shown.close()
@@ -104,7 +104,7 @@ def test_rest_and_movement(opened):
 def test_a_camera_that_stays_is_no_movement(opened):
     _, client, desk, _ = opened
     desk.receive(Shown(pixels(0)))
-    client.camera.told()
+    client.camera.report()
     assert client.background is not None and not desk.cancelled
 
 
@@ -112,7 +112,7 @@ def test_another_size_of_the_page(opened):
     """A narrower page requests the same camera, and its own field of view grows."""
     _, client, desk, _ = opened
     client.camera.image_width = 60
-    client.camera.told()
+    client.camera.report()
     until(lambda: len(desk.requests) == 2)
     one, other = (request.camera for request in desk.requests)
     assert other.fy == pytest.approx(one.fy) and other.fx == pytest.approx(one.fx)
