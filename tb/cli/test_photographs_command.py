@@ -209,9 +209,9 @@ def test_views_of_nothing(place, tmp_path, monkeypatch, capsys):
     Path("away.json").write_text(json.dumps(away))
     command = f"photographs {place / 'small.ply'} -o a --cameras away.json --path-share 1 --views 2"
     assert run(f"{command} --size 8x8") == 2
-    told = capsys.readouterr()
-    assert "no Gaussian is in 2 of the photographs" in told.err.splitlines()[-1]
-    assert not Path("a").exists() and not told.out
+    printed = capsys.readouterr()
+    assert "no Gaussian is in 2 of the photographs" in printed.err.splitlines()[-1]
+    assert not Path("a").exists() and not printed.out
 
 
 REFUSED = {

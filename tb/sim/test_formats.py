@@ -90,8 +90,8 @@ def test_a_tool_that_fails_or_is_missing(tool, capsys, monkeypatch):
     assert run("bench formats garden.ply -o out --size 96x54 --tool ./BROKEN") == 2
     assert "BROKEN: failed with status 1: cannot be" in " ".join(capsys.readouterr().err.split())
     assert run("bench formats garden.ply -o out --tool ./none") == 2
-    told = " ".join(capsys.readouterr().err.split())
-    assert "./none: no such program; npm install -g @playcanvas/splat-transform" in told
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "./none: no such program; npm install -g @playcanvas/splat-transform" in printed
 
 
 def test_psnr_of_pictures(tool, monkeypatch):

@@ -152,7 +152,7 @@ def test_failure_is_reported(monkeypatch, tmp_path, capsys):
     """A part that does not fit is named and the others are placed; both results are kept."""
     asked = []
 
-    def place(text, device, speed, seed, folder, tell):
+    def place(text, device, speed, seed, folder, progress):
         asked.append((device, speed))
         return (None, LOG) if len(asked) == 1 else (REPORT, "")
 
@@ -210,8 +210,8 @@ def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
     out = tmp_path / "f.json"
     for _ in range(2):
         assert run("fpga", "--whole", "--json", str(out)) == 0
-        told = capsys.readouterr().out
-        assert "preset FPGA" in told and "whole, seed 3" in told and "61.5" in told
+        printed = capsys.readouterr().out
+        assert "preset FPGA" in printed and "whole, seed 3" in printed and "61.5" in printed
     assert nextpnr.read_text() == "123"
     facts = json.loads(out.read_text())
     assert facts["parts"]["whole"]["fmax_mhz"] == 61.5
@@ -220,10 +220,10 @@ def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
 
 def test_progress(nextpnr):
     """Synthesis runs once for two seeds; progress shows the arcs left to route."""
-    told = []
-    assert len(list(placed(Register(3), "25k", seeds=2, progress=told.append))) == 2
+    steps = []
+    assert len(list(placed(Register(3), "25k", seeds=2, progress=steps.append))) == 2
     routing = ["placing", "routing, 245,263 arcs left"]
-    assert told == ["synthesis", *routing, *routing]
+    assert steps == ["synthesis", *routing, *routing]
 
 
 def test_plain_names():
