@@ -147,10 +147,8 @@ def decide(
     original: int | None = None,
     speed: Speed | None = None,
 ) -> Recipe:
-    """Complete a recipe: choose the model's degree and quality, and the pruning rates.
-
-    The parameters are those of `compress`. A choice that `checkpoints` holds is taken from there.
-    """
+    """Complete a recipe: choose the model's degree and quality, and the pruning rates; or take them
+    from `checkpoints`. Parameters as in `compress`."""
     if not targets:
         raise InputError("no picture to learn from")
     if recipe.degree is not None and not recipe.targeted:
@@ -256,11 +254,8 @@ def harmonics_matter(found: list[Trial]) -> bool:
 
 
 def edge(low: int, high: int, over: Callable[[int], bool]) -> tuple[int, int]:
-    """Bisect numbers of Gaussians: two close ones, the second of which is `over` a threshold.
-
-    low: not over it
-    high: over it
-    """
+    """Bisect between `low`, which is not `over` a threshold, and `high`, which is; return two close
+    numbers of Gaussians around it."""
     for _ in range(HALVINGS):
         middle = round(sqrt(low * high))
         if low < middle < high:

@@ -1,7 +1,7 @@
 """Directions from which views look at each Gaussian, and the nearest harmonics as seen from there.
 
 A Gaussian's colour is c + G·d in the direction d. The constant c compensates for an error of the
-slopes G at the mean direction; the remaining error is that of G times the deviation from the mean.
+slopes G at the mean direction; the error of G times the deviation from the mean remains.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,8 @@ class Directions:
     variance: np.ndarray  # [N, 3, 3], including ELSEWHERE
 
     def nearest(self, slopes: np.ndarray, entries: np.ndarray) -> np.ndarray:
-        """Indices [N] of the entries E [K, 9] nearest to slopes G [N, 9] (row by row): those with
-        the smallest sum over the channels of (G − E)·variance·(G − E)."""
+        """Indices [N] of the entries E [K, 9] nearest to slopes G [N, 9] (row by row), by the sum
+        over the channels of (G − E)·variance·(G − E)."""
         rows = entries.reshape(-1, 3, 3)
         squares = np.einsum("kci,kcj->ijk", rows, rows).reshape(9, -1)
         found = np.empty(len(slopes), np.int64)

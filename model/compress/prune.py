@@ -109,9 +109,9 @@ def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Sc
     weight: [N] > 0
     group: [N] group of each Gaussian
 
-    Opacity times area (of the two larger axes) is that of the first member, times the group's
-    weight over that member's: with significance as weight, the merged Gaussian contributes as much
-    to the views as the group did. Opacities are those before compensation for the blur.
+    Opacity times area (of the two larger axes) is the first member's, scaled by the group's weight
+    over that member's: with significance as weight, the merged Gaussian contributes as much to the
+    views as the group did. Opacities are taken before compensation for the blur.
     """
     total = np.bincount(group, weight, count)
 

@@ -55,7 +55,7 @@ class Recipe:
     degree: int | None = None  # of the packed model; None: chosen by trials (`choice`)
     # Of `QUALITIES`; None: "balanced" for degrees 2 and 3, else chosen by trials for a target.
     quality: str | None = None
-    target_ratio: float | None = None  # size of the scene's PLY over that of the packed model
+    target_ratio: float | None = None  # bytes of the scene's PLY over bytes of the packed model
     target_bytes: int | None = None  # of the packed model in memory
     target_psnr: float | None = None  # dB on held-out views
     target_fps: float | None = None  # of the packed model, by the machine's cycle model

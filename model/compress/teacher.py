@@ -20,8 +20,8 @@ from splatcore.spec.scene import Scene
 Cameras = Sequence[Camera]
 
 REMEMBERED = 544
-"""Pictures of a scene that stay in memory: those of `compress`' 480 views, and those used to
-compare scenes. Pictures of further views are rendered again each time they are needed."""
+"""Pictures of a scene that stay in memory: `compress`' 480 views, and the views used to compare
+scenes. Pictures of further views are rendered again each time they are needed."""
 
 LEVEL = 1  # of zstd: a picture of 1920×1080 takes 10 ms; level 3 saves no bytes
 

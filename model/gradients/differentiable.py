@@ -1,7 +1,7 @@
 """Differentiable rendering: Gaussians as torch tensors in, a picture with gradients out.
 
 `gsplat` rasterizes on a CUDA device, the numba kernels of this folder on a CPU. Both follow
-`spec.convention`; gsplat only where it has an option for it (see `_render_cuda`).
+`spec.convention`, gsplat as far as its options allow (see `_render_cuda`).
 """
 
 from dataclasses import dataclass
@@ -41,8 +41,7 @@ def render(
     factor: [N, 3, 3] A, with covariance A·Aᵀ
     opacity: [N]
     sh: [N, (degree+1)², 3] harmonics
-    shift: [N, 2] pixels, moves the splats' centres; its gradient, that of the centres, is what
-        densification needs
+    shift: [N, 2] pixels, added to the splats' centres; densification needs its gradient
     antialiased: compensate opacities for the blur, as for `spec.scene.Gaussians` with this mark
 
     As in 3DGS, gradients are zero where alpha or a colour is clamped, and ignore the thresholds at

@@ -30,8 +30,7 @@ FAST = {"reassoc", "contract", "arcp", "nsz"}
 """Assumptions allowed to the compiler: sums may be reordered; NaN and Inf are preserved."""
 
 REACH_MAX = 2 * np.log(1 / ALPHA_MIN) + 0.2
-"""Quadratic forms are clamped to this, which keeps the exponential in range; nothing beyond is
-blended."""
+"""Quadratic forms are clamped to this, to keep the exponential in range; nothing beyond blends."""
 
 MIDDLE = REACH_MAX / 64
 TERMS = np.array([np.exp(-MIDDLE) / float(np.prod(np.arange(1.0, k + 1))) for k in range(8)])
@@ -57,8 +56,7 @@ def smallest_form(a, b, c, x0, x1, y0, y1):
 
 @njit(cache=True)
 def _visit_tiles(splat, width, height, tiles):
-    """Write the tiles that the splat reaches to `tiles`, as many as fit; return how many it
-    reaches."""
+    """Write the tiles that the splat reaches to `tiles`, as many as fit; return their number."""
     columns = (width + TILE - 1) // TILE
     u, v, wide, high = splat[U], splat[V], splat[WIDE], splat[HIGH]
     left = int(max(np.ceil(u - wide), 0.0)) // TILE  # below 2^63: `rendering_points.FARTHEST`
@@ -102,13 +100,10 @@ def _sort(first, tiles, start, pair, owner):
 
 
 def tile_lists(splats: np.ndarray, width: int, height: int) -> tuple[np.ndarray, ...]:
-    """Build the tile lists of splats [M, 12] in depth order.
-
-    Returns four int64 arrays:
-    first: [M + 1] number of each splat's first pair
-    start: [tiles + 1] first entry of each tile's list
-    pair: [entries] number of the entry's pair
-    owner: [entries] the entry's splat
+    """Build the tile lists of splats [M, 12] in depth order. Returns
+    - first [M + 1]: number of each splat's first pair,
+    - start [tiles + 1]: first entry of each tile's list,
+    - pair, owner [entries]: number of each entry's pair, and its splat.
     """
     tiles_in_all = -(-width // TILE) * -(-height // TILE)
     counts = np.empty(len(splats), np.int64)
@@ -123,13 +118,11 @@ def tile_lists(splats: np.ndarray, width: int, height: int) -> tuple[np.ndarray,
 
 
 def blend(splats, lists, width, height, limits) -> tuple[np.ndarray, ...]:
-    """Blend splats [M, 12], in their own floating type.
+    """Blend splats [M, 12], in their own floating type, by the lists of `tile_lists`.
 
-    lists: from `tile_lists`
     limits: alpha_min, alpha_max, transmittance_min
-
-    Returns colours over black [tiles, 3, 16, 16], transmittances [tiles, 16, 16], and each pixel's
-    last blended entry, counted from the start of its list, [tiles, 16, 16].
+    Returns colours over black [tiles, 3, 16, 16], transmittances, and each pixel's last blended
+    entry, counted from the start of its list, both [tiles, 16, 16].
     """
     tiles, kind = len(lists[1]) - 1, splats.dtype
     colour = np.empty((tiles, 3, TILE, TILE), kind)
@@ -144,10 +137,8 @@ def blend(splats, lists, width, height, limits) -> tuple[np.ndarray, ...]:
 
 
 def blend_backward(splats, lists, width, height, limits, drawn, to_colour, to_rest):
-    """Gradients [M, 9] by the splats, from gradients by the colours and transmittances of `blend`.
-
-    drawn: transmittances and last entries from `blend`
-    """
+    """Gradients [M, 9] by the splats, from gradients by the colours and transmittances of `blend`;
+    `drawn`: transmittances and last entries from `blend`."""
     first, start, pair, owner = lists
     kind = splats.dtype
     pairs = np.zeros((len(pair), GRADIENTS), kind)
@@ -198,11 +189,8 @@ def _exponential(q, terms):
 def _blend(
     splats, start, owner, corner, size, limits, terms, lanes, threads, colour, rest, last
 ):  # fmt: skip
-    """Blend all tiles.
-
-    A tile's state is one array, so that the compiler can rule out aliasing: colour, transmittance,
-    whether the pixel is live, and its last blended entry, counted from the start of the list.
-    """
+    """Blend all tiles. A tile's state is one array, so that the compiler can rule out aliasing:
+    colour, transmittance, whether the pixel is live, and its last blended entry in the list."""
     alpha_min, alpha_max, rest_min = limits[0], limits[1], limits[2]
     zero, one, two = lanes[0], lanes[1], lanes[2]
     for thread in prange(threads):

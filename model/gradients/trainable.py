@@ -1,6 +1,6 @@
 """A scene as tensors to optimise: the numbers that 3DGS stores, before its activations.
 
-The names are those that gsplat's densification expects: means, scales (logarithms), quats,
+The names are the ones gsplat's densification expects: means, scales (logarithms), quats,
 opacities (logits), sh0 [N, 1, 3] and shN [N, (degree+1)² − 1, 3].
 """
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
-from splatcore.model.pack.pack import format_of, pack, packable
+from splatcore.model.pack.pack import format_of, pack, packing_key
 from splatcore.model.pack.quality import COMPACT, LEAST_DB, STEPPED, UNLEARNED
 from splatcore.model.pack.report import PackReport
 from splatcore.model.pack.stored import stored_scene
@@ -132,7 +132,7 @@ def packed(
     source: Source, config: Config, camera: Camera, quality: str | None = None, tell: Tell = str
 ) -> Packed:
     """A source's scene packed for a machine and a view, kept; what that loses is noted."""
-    key = packable(config), (quality or (camera.name, camera.width, camera.height))
+    key = packing_key(config), (quality or (camera.name, camera.width, camera.height))
     if key not in source.packed:
         source.packed[key] = choose(source.scene, config, [camera], quality, tell=tell)
         for line in source.packed[key].report.notes:
