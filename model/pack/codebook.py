@@ -47,7 +47,7 @@ def quantise(
     vectors: [N, D]
     index_bits: index bits of each stage
     entry: integer format of the entries' components
-    weight: [N] ≥ 0, weight of each vector's error; None: all equal
+    weight: [N] ≥ 0, weight of each vector's error (default: all equal)
     largest: upper limit of the exponent, which is the smallest at which all components fit
     """
     _, exponent = np.frexp(np.abs(vectors).max(initial=0) / entry.max)

@@ -19,7 +19,7 @@ GAP = 2.5
 would grow by as much."""
 
 FAR = 8.0
-"""Or where it exceeds FAR times the distance that one in SHARE Gaussians exceeds."""
+"""Or where the distance exceeds FAR times that of the innermost candidate (one in SHARE)."""
 
 RESERVE_BITS = 14
 """Bits by which floaters may coarsen the grid: 24 bits remain, as in a float32."""
@@ -46,7 +46,7 @@ def find_floaters(position: np.ndarray, largest: float = np.inf) -> Floaters:
 
     largest: limit on the magnitude of a stored coordinate, scene units
 
-    Distances are measured from the coordinate-wise median, along the axis where they are largest.
+    Distances are measured from the coordinate-wise median; the largest of the three axes counts.
     """
     most = max(2, len(position) // SHARE)
     index = np.zeros(0, np.int64)

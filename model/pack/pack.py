@@ -50,9 +50,9 @@ def pack(
 ) -> tuple[PackedModel, PackReport]:
     """Pack a scene for a machine; return the model and a report on what was lost.
 
-    sh_degree: highest degree of harmonics to keep; None: as many as the machine renders
+    sh_degree: highest degree of harmonics to keep (default: all that the machine renders)
     progress: called with the name of each of `STEPS` as it begins
-    codebooks: of the scene's Gaussians, in the format of that degree; None: made here
+    codebooks: of the scene's Gaussians, in the format of that degree (default: made here)
     quality: one of `QUALITIES`, or layouts [C] (`spec.colour.LAYOUTS`), one per chunk
 
     Gaussians with NaN, Inf or a number beyond float32, or that never reach alpha 1/255, are
@@ -130,7 +130,7 @@ def format_of(config: Config, quality: str | np.ndarray, degree: int) -> ModelFo
 
 
 def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
-    """Layouts [C] of chunks: those of the quality, reduced to the degree that each chunk needs.
+    """Layouts [C] of chunks: the quality's layout, reduced to the degree that each chunk needs.
 
     factors: [N, k, 3] for each degree, of its polynomials
     quality: in steps, or a layout [C] per chunk
