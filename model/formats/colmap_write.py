@@ -20,7 +20,7 @@ NOWHERE: Points = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
 """No points."""
 
 ERROR = 0.0
-"""Reprojection error of every point, pixels: images show points exactly where they project."""
+"""Reprojection error of every point, pixels: points in images are exact projections."""
 
 
 def write_colmap(

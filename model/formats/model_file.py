@@ -183,7 +183,7 @@ class _Reader:
         return rows if place is None else rows[place]
 
     def column(self, columns: list[np.ndarray], width: int, count: int, where: str) -> np.ndarray:
-        """Read the next column; `columns`: the columns of its table read so far."""
+        """Read the next column of a table, after `columns`."""
         dtype = code_dtype(width)
         codes = np.zeros(count, dtype)
         if not count:

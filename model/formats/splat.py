@@ -11,7 +11,8 @@ from splatcore.spec.scene import Scene
 RECORD = np.dtype(
     [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("quaternion", "u1", 4)]
 )
-"""scale: linear, scene units; colour: RGBA; quaternion: (w, x, y, z), 128 means 0."""
+"""Scales are linear, in scene units; colours are RGBA; quaternions are (w, x, y, z), with 128 for
+0."""
 
 
 def matches(start: bytes, suffix: str) -> bool:

@@ -38,8 +38,8 @@ def matrix(axes: str) -> np.ndarray:
 def turned(scene: Scene, axes: str) -> Scene:
     """Convert a scene from other axes to PLY's.
 
-    A covariance Σ becomes M·Σ·Mᵀ, for M and −M alike; Q is the one of the two that is a rotation.
-    A rotation R becomes Q·R·Qᵀ: Q rotates the quaternion's vector, and scales follow their axes.
+    A covariance Σ becomes M·Σ·Mᵀ, for M and −M alike. With Q = M or −M, whichever is a rotation, a
+    rotation R becomes Q·R·Qᵀ: Q rotates the quaternion's vector, and scales follow their axes.
     """
     to_ply = matrix(axes)
     order, sign = np.abs(to_ply).argmax(axis=1), to_ply.sum(axis=1)
