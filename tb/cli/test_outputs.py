@@ -172,7 +172,7 @@ def test_a_new_folder_goes_if_nothing_came_into_it(tmp_path, monkeypatch, fault)
 SCENES = {
     "nope.ply": "nope.ply: No such file",
     "file": "file: is empty",
-    "g.png": "g.png: is no PLY",
+    "g.png": "g.png: is not a PLY",
 }
 
 
