@@ -1,4 +1,4 @@
-"""From a scene file or photographs to the packed model in DRAM.
+"""Scene files and photographs in, the packed model for DRAM out.
 
 May import: nothing.
 """

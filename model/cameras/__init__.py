@@ -1,4 +1,4 @@
-"""Views of a scene: a sensible one, orbits, and views that surround it.
+"""Views of a scene: a default view, orbits, and surrounding views.
 
 May import: spec, model.formats.
 """

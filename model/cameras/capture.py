@@ -1,4 +1,4 @@
-"""Views of a scene to learn from: all round, or on the path of given cameras, or some of each."""
+"""Training views of a scene: all around it, along the path of given cameras, or both."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,12 +13,12 @@ from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Gaussians
 
 RISE, NEARER = np.radians(3.0), 1.05
-"""Largest deviation of views from the path of given cameras: elevation, and factor of distance. A
-hand that holds a camera wavers so."""
+"""Largest deviation of a view on the path of given cameras: elevation (radians) and factor of the
+distance. A hand-held camera wavers by about as much."""
 
 ASIDE = max(angle for angle, _ in BESIDE.values())
 FARTHER = 1 / min(away for _, away in BESIDE.values())
-"""Largest deviation of views beside the path: as far off, and as near, as `BESIDE` has them."""
+"""Largest deviation of a view off the path, elevation and factor of the distance, from `BESIDE`."""
 
 
 def teacher_views(
@@ -30,11 +30,15 @@ def teacher_views(
     beside: float = 0.0,
     near: float = NEAR_PLANE,
 ) -> list[Camera]:
-    """`count` views to learn from: from all round with that near plane, or on the path of `cameras`
-    and never where one of them is, `beside` of them off it.
+    """Choose `count` training views.
 
-    Few harmonics cannot be right from everywhere: what is learned is best where the views are. Off
-    the path more of them are far off, where a view has fewer others round it.
+    cameras: their path is followed, but no view coincides with one of them; without cameras the
+        views surround the scene
+    beside: share of the views that are off the path, 0 … 1
+    near: near plane of surrounding views, scene units
+
+    A few harmonics cannot be right from everywhere, so training views belong where the scene will
+    be looked at. Off the path, far views are more frequent, because each has fewer neighbours.
     """
     if not cameras:
         views = surrounding_views(gaussians, count, *size, seed)
@@ -56,10 +60,10 @@ def capture_views(
     cameras: Sequence[Camera] = (),
     share: float = 0.5,
 ) -> list[Camera]:
-    """`count` views, `share` of them on the path of `cameras`, the others from all round; without
-    cameras all of these.
+    """Choose `count` views: a share on the path of `cameras`, the others around the scene.
 
-    Their names, `around-000` and `path-000` onwards, sort as the views do.
+    Without cameras, all views are around the scene. Names are `around-000` … and `path-000` …, so
+    that file names sort in the order of the views.
     """
     on_path = round(share * count) if cameras else 0
     parts = {"around": (count - on_path, ()), "path": (on_path, cameras)}

@@ -1,4 +1,4 @@
-"""Several scenes side by side in front of one camera: one large scene of small ones."""
+"""Several scenes side by side in front of one camera, joined to one large scene."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,19 +16,19 @@ View = tuple[Scene, Camera]
 def side_by_side(
     views: Sequence[View], behind: Scene | None = None, count: int | None = None
 ) -> View:
-    """All Gaussians of scenes, moved so that one camera sees them beside each other.
+    """Join scenes so that one camera, the first scene's, sees them side by side.
 
-    The camera is the first scene's. Scenes are moved, never turned or scaled, so that their
-    rotations and harmonics stay as they are. The image has a column for each, in order: the middle
-    of a scene's core (`core_of`) comes to the middle of its column, √n times as far away as it is
-    from its own camera: so n scenes share the image's area. They reach into each other's columns;
-    what is in front hides the rest. The scene is `antialiased` if all of them are.
+    Scenes are moved, never turned or scaled, so rotations and harmonics stay unchanged. Each scene
+    gets a column of the image, in order: the middle of its core (`core_of`) is moved to the middle
+    of the column, √n times as far away as from its own camera, so that n scenes share the image's
+    area. Scenes may reach into other columns; nearer Gaussians hide farther ones.
 
-    behind: a scene that is moved behind the camera as a whole: it is loaded and never seen.
-    count: Gaussians that are left, as evenly picked as they are stored; first those of `behind` go.
+    views: scenes, each with its own camera
+    behind: a scene that is moved behind the camera as a whole; it is loaded but never seen
+    count: Gaussians to keep, picked evenly in storage order; Gaussians of `behind` go first
 
-    The mark of antialiasing is that of all scenes in view. Raises InputError for scenes of which
-    some are antialiased, and for a count below 1 or above what there is.
+    Raises InputError if only some of the scenes in view are antialiased, and for a count below 1
+    or above the number of Gaussians.
     """
     first = views[0][0]
     _check_marks([scene for scene, _ in views])
@@ -59,7 +59,7 @@ def depths(scene: Scene, camera: Camera) -> np.ndarray:
 
 
 def in_view(scene: Scene, camera: Camera) -> int:
-    """Gaussians whose centres lie in the image, beyond the near plane."""
+    """Number of Gaussians whose centres are inside the image and beyond the near plane."""
     x, y, z = (scene.position @ camera.rotation.T + camera.translation).T
     with np.errstate(all="ignore"):
         u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
@@ -68,11 +68,11 @@ def in_view(scene: Scene, camera: Camera) -> int:
 
 
 def _check_marks(scenes: list[Scene]):
-    """InputError if some scenes are antialiased and others are not."""
+    """Raise InputError if some scenes are antialiased and others are not."""
     names = {scene.antialiased: scene.name for scene in scenes}
     if len(names) > 1:
-        which = f"{names[True]} is antialiased, {names[False]} is not"
-        raise InputError(f"{which}; choose --antialiased or --no-antialiased for all")
+        fault = f"{names[True]} is antialiased, {names[False]} is not"
+        raise InputError(f"{fault}; choose --antialiased or --no-antialiased for all")
 
 
 def _moved(scene: Scene, way: np.ndarray) -> Scene:
@@ -80,7 +80,7 @@ def _moved(scene: Scene, way: np.ndarray) -> Scene:
 
 
 def _cut(parts: list[Scene], count: int | None, behind: bool):
-    """Leave `count` Gaussians of all; if the last part is behind the camera it gives first."""
+    """Reduce the parts to `count` Gaussians in all; a last part behind the camera is cut first."""
     total = sum(map(len, parts))
     if count is None:
         return
@@ -94,11 +94,11 @@ def _cut(parts: list[Scene], count: int | None, behind: bool):
 
 
 def _picked(scene: Scene, count: int) -> Scene:
-    """So many Gaussians of a scene, evenly picked."""
+    """`count` Gaussians of a scene, picked evenly."""
     return scene[np.arange(count) * len(scene) // max(count, 1)]
 
 
 def _with_degree(scene: Scene, degree: int) -> Scene:
-    """The scene with coefficients up to that degree, those that it lacks being 0."""
+    """The scene with coefficients up to `degree`; missing coefficients are 0."""
     missing = sh_count(degree) - scene.sh.shape[1]
     return replace(scene, sh=np.pad(scene.sh, ((0, 0), (0, missing), (0, 0))))

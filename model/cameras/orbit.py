@@ -1,4 +1,4 @@
-"""Cameras like given ones, from all round what they look at."""
+"""Views that orbit the point that given cameras look at."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,12 +8,13 @@ import numpy as np
 from splatcore.model.formats.file import input_error
 from splatcore.spec.camera import Camera
 
-GAP = np.radians(3.5)  # no view looks within this of the direction in which a given camera looks
-TRIES = 8  # views that are tried for each that is wanted; those that lie farthest apart are taken
-UPRIGHT = 1e-3  # weight of −y as up beside the cameras' own up; it decides for one camera
+GAP = np.radians(3.5)  # smallest angle between the axes of a view and of any given camera
+TRIES = 8  # candidates per view; the candidates farthest apart are taken
+UPRIGHT = 1e-3  # weight of −y as up against the cameras' own up; decides if there is one camera
 
 NEAR_MIDDLE = 1e-4
-"""Weight of the middle beside the point that the cameras look at; it decides for one camera."""
+"""Weight of the scene's middle against the point that the cameras look at; decides if there is one
+camera."""
 
 BESIDE = {
     "5 degrees": (np.radians(5), 1.0),
@@ -21,7 +22,7 @@ BESIDE = {
     "nearer": (0.0, 0.8),
     "farther": (0.0, 1.2),
 }
-"""Views beside a path: how far off it, about what is looked at, and factor of the distance."""
+"""Views off a path: angle (radians) about the point looked at, and factor of the distance."""
 
 
 def orbiting_views(
@@ -33,24 +34,26 @@ def orbiting_views(
     seed: int = 0,
     outward: bool = False,
 ) -> list[Camera]:
-    """`count` views: the cameras in turn, turned about the upright line through what they look at
-    together, raised by up to ±`rise` radians, at 1/`nearer` … `nearer` times their distance.
+    """Choose `count` views that orbit the point the cameras look at; deterministic.
 
-    Rises are drawn evenly, or with `outward` more densely the larger they are.
+    Each view is one of the cameras, in turn, rotated about the upright line through the point
+    nearest to all camera axes.
 
-    What the cameras look at is the point nearest to their axes; `middle` [3] is where on its axis a
-    single camera looks. No view looks within GAP of where a camera does (less where cameras leave
-    no room for that): pictures from the cameras can judge what was learned. The same arguments give
-    the same views.
+    middle: [3] the point that a single camera looks at, projected onto its axis
+    rise: views are raised or lowered by up to `rise` radians
+    nearer: distances are 1/`nearer` … `nearer` times the camera's
+    outward: large rises are more frequent; otherwise all are equally likely
 
-    Raises InputError for no camera, and for a count below 1.
+    No view's axis is within GAP of a camera's (GAP shrinks if the cameras leave no room), so that
+    pictures from the cameras remain a fair test. Raises InputError without cameras, and for a
+    count below 1.
     """
     from scipy.spatial.transform import Rotation  # takes half a second
 
     if not cameras:
-        raise input_error("cameras", "there are none")
+        raise input_error("cameras", "none given; at least one is needed")
     if count < 1:
-        raise input_error("count", f"{count} is not ≥ 1")
+        raise input_error("count", f"{count} is below 1")
     centre, up = looked_at(cameras, middle), upright(cameras)
     ahead = np.array([camera.rotation[2] for camera in cameras])
     rng = np.random.default_rng(seed)
@@ -72,8 +75,11 @@ def orbiting_views(
 
 
 def views_beside(cameras: Sequence[Camera], middle: np.ndarray) -> dict[str, list[Camera]]:
-    """By the names of `BESIDE` a view beside each camera: raised and lowered in turns, nearer, and
-    farther. middle: as for `orbiting_views`."""
+    """Views off the path, one per camera, for each name of `BESIDE`; they are raised and lowered
+    alternately.
+
+    middle: [3], as for `orbiting_views`
+    """
     from scipy.spatial.transform import Rotation  # takes half a second
 
     centre, found = looked_at(cameras, middle), {}
@@ -89,8 +95,8 @@ def views_beside(cameras: Sequence[Camera], middle: np.ndarray) -> dict[str, lis
 
 
 def spread(points: np.ndarray, count: int) -> list[int]:
-    """Indices of `count` of `points` [M, 3] that lie far apart: the first, then always the farthest
-    from those chosen before it."""
+    """Indices of `count` of `points` [M, 3] that are far apart: the first point, then each time the
+    point farthest from all points already chosen."""
     chosen, away = [], np.full(len(points), np.inf)
     for _ in range(count):
         chosen.append(int(away.argmax()))
@@ -99,15 +105,14 @@ def spread(points: np.ndarray, count: int) -> list[int]:
 
 
 def moved(camera: Camera, centre: np.ndarray, turn: np.ndarray, away: float) -> Camera:
-    """The camera turned about `centre` [3] by the rotation `turn` [3, 3], and moved to `away` times
-    its distance."""
+    """The camera rotated about `centre` [3] by `turn` [3, 3], at `away` times its distance."""
     position = centre + away * (turn @ (camera.position - centre))
     rotation = camera.rotation @ turn.T
     return replace(camera, rotation=rotation, translation=-rotation @ position)
 
 
 def looked_at(cameras: Sequence[Camera], middle: np.ndarray) -> np.ndarray:
-    """The point [3] with the least squared distances from the cameras' axes."""
+    """The point [3] nearest to the cameras' axes, by least squares."""
     matrix, wanted = NEAR_MIDDLE * np.eye(3), NEAR_MIDDLE * np.asarray(middle, float)
     for camera in cameras:
         ahead = camera.rotation[2]
@@ -117,9 +122,9 @@ def looked_at(cameras: Sequence[Camera], middle: np.ndarray) -> np.ndarray:
 
 
 def upright(cameras: Sequence[Camera]) -> np.ndarray:
-    """Up [3], of length 1: as nearly as can be at right angles to the rows of all pictures.
+    """The upward unit vector [3]: as nearly perpendicular as possible to the rows of all pictures.
 
-    A photographer holds the camera level; the scene's frame may be any.
+    Photographers hold the camera level, whatever the coordinate frame of the scene.
     """
     level = np.array([camera.rotation[0] for camera in cameras])
     matrix = level.T @ level / len(level) - UPRIGHT * np.diag([0.0, 1.0, 0.0])

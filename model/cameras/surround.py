@@ -1,4 +1,4 @@
-"""Cameras around, or inside, a scene for which there are no photographs."""
+"""Cameras around or inside a scene that has no photographs."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,65 +13,70 @@ from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.scene import Gaussians
 
 ELEVATION = np.radians((4.0, 50.0))
-"""Angles at which a view looks down on its target: from eye height to a bird's."""
+"""Angles at which a view looks down on its target: from eye height to a bird's-eye view."""
 
 DISTANCE = (0.35, 1.2)
-"""Distances from the target in framing distances: from a close-up to a little more than all."""
+"""Distances from the target in framing distances: from a close-up to a little more than the whole
+core."""
 
 FIELD_OF_VIEW = np.radians((40.0, 75.0))
 """Angles across the longer side of the image: from a standard lens to a wide one."""
 
-AIM = 0.5  # share of the core's half sides about its centre within which a view's target lies
+AIM = 0.5  # targets are within this share of the core's half sides from its centre
 
 WITHIN = 3
-"""Every so many-th view that is tried stands within the core and looks across it: from the
-distances above one looks into a room, not round in it."""
+"""Every WITHIN-th candidate stands inside the core and looks across it: from the distances above, a
+view looks into a room but not around in it."""
 
-TILT = np.radians(25.0)  # angle up or down to which a view from within looks
+TILT = np.radians(25.0)  # largest angle up or down of a view from inside the core
 
 ABOUT = 1.25
-"""Core's half sides within which matter is part of what one looks at: the core leaves out 8 % at
-either end, an even box has 1/0.84 = 1.19 of its sides; the rest is for what Gaussians extend."""
+"""Matter within this many of the core's half sides belongs to the subject. The core omits 8 % at
+either end, so an even box has 1/0.84 = 1.19 of its sides; the rest allows for the size of the
+Gaussians."""
 
 OPEN = 10
-"""Percentile of how hidden the core's inside is that stands for an open direction: 0 for a room
-with an open side, whose walls count then; 1 for an object, whose own front hides its inside."""
+"""Percentile of the hidden share of the core's inside that counts as an open direction. The share
+is 0 for a room with an open side, so that its walls count, and 1 for an object, whose own front
+hides its inside."""
 
-TRIES = 8  # views that are tried for each that is wanted; where fewer pass, the least bad make up
+TRIES = 8  # candidates per view; if too few pass, those that fail the fewest rules fill up
 
 CELLS = 80
-"""Cells along a side of the grid in which one walks; a wall is seldom thinner than a cell."""
+"""Cells per side of the grid of free space; a wall is seldom thinner than a cell."""
 
-SPREAD = 8  # points that stand for a Gaussian in that grid; a large one covers many cells
+SPREAD = 8  # points that represent a Gaussian in that grid; a large one covers many cells
 
 HALF = np.log(2)
-"""Area of matter over area of a cell, or of a view, from which more light stops than passes."""
+"""Area of matter over area of a cell, or of a view, above which more light is stopped than
+passes."""
 
-PROBE = 30_000  # Gaussians that decide whether a view sees little or is blocked, evenly picked
+PROBE = 30_000  # Gaussians, picked evenly, that decide whether a view is blocked or sees little
 
 
 def surrounding_views(
     gaussians: Gaussians, count: int, width: int, height: int, seed: int = 0
 ) -> list[Camera]:
-    """`count` cameras of `width`×`height` pixels that together see the scene; y points down.
+    """Choose `count` cameras of `width`×`height` pixels that together see the scene; y points down.
 
-    Rule: views turn about the core of the scene (`model.cameras.view.core_of`) by the golden angle,
-    their elevation, distance, field of view and target go by sequences as even (Roberts 2018, "The
-    unreasonable effectiveness of quasirandom sequences"); every third stands within the core and
-    looks across it. A view is left out where one could not walk from the sensible view without
-    going through matter (the inside of an object); where matter right before it, or between it and
-    the core, or a wall between it and the core's inside, stops more light than passes; and where it
-    holds less than half the Gaussians that views of its kind hold at the median. Where too few are
-    left the ones that fail fewest of these fill up. The same arguments give the same cameras;
-    another seed gives others in between.
+    Candidates turn about the core of the scene (`model.cameras.view.core_of`) by the golden angle.
+    Their elevation, distance, field of view and target follow quasirandom sequences (Roberts 2018,
+    "The unreasonable effectiveness of quasirandom sequences"). Every third one stands inside the
+    core and looks across it. A candidate is dropped if
+    - no free path leads to it from the sensible view (it is inside an object);
+    - more light is stopped than passes right in front of it, between it and the core, or at a wall
+      between it and the core's inside;
+    - it sees less than half the median number of Gaussians of its kind.
+    If too few remain, those that fail the fewest rules fill up. The same arguments give the same
+    cameras; other seeds give cameras in between.
 
-    Raises InputError for a count below 1, a negative seed, a size out of range, and for a scene
-    in which no Gaussian can be seen.
+    Raises InputError for a count below 1, a negative seed, a size out of range, and a scene without
+    a visible Gaussian.
     """
     if count < 1:
-        raise input_error("count", f"{count} is not ≥ 1")
+        raise input_error("count", f"{count} is below 1")
     if seed < 0:
-        raise input_error("seed", f"{seed} is not ≥ 0")
+        raise input_error("seed", f"{seed} is below 0")
     for side, pixels in (("width", width), ("height", height)):
         if not 1 <= pixels <= SIZE_MAX:
             raise input_error(side, f"{pixels} is not in 1 … {SIZE_MAX}")
@@ -88,7 +93,7 @@ def surrounding_views(
 def _faults(
     core: Core, factor: np.ndarray, tried: list[tuple[Camera, np.ndarray]], start: np.ndarray
 ) -> np.ndarray:
-    """Rules that each view of `_candidates` fails, [M] counts; `start` as for `_reached`."""
+    """Number of rules [M] that each view of `_candidates` fails; `start`: as for `_reached`."""
     step = max(-(-len(core.point) // PROBE), 1)
     point, area = core.point[::step], core.area[::step] * step
     eyes = np.array([camera.position for camera, _ in tried]) - core.middle
@@ -126,8 +131,8 @@ def _visible(gaussians: Gaussians) -> Gaussians:
 def _candidates(
     core: Core, count: int, width: int, height: int, seed: int
 ) -> Iterator[tuple[Camera, np.ndarray]]:
-    """Views spread evenly over directions, distances, fields of view and targets, each with its
-    target [3] in the world."""
+    """Yield views spread evenly over directions, distances, fields of view and targets, each with
+    its target [3] in world space."""
     dimensions = 7
     ratio = 2.0
     for _ in range(60):  # the root of x^(d+1) = x + 1, by iteration: the golden ratio of d numbers
@@ -157,21 +162,21 @@ def _candidates(
 
 
 def _direction(azimuth: float, elevation: float) -> np.ndarray:
-    """From a target to an eye, [3] of length 1; azimuth 0 is −z, up is −y."""
+    """Unit vector [3] from a target to an eye; azimuth 0 is −z, up is −y."""
     level = np.cos(elevation)
     return np.array([level * np.sin(azimuth), -np.sin(elevation), -level * np.cos(azimuth)])
 
 
 def _held(point: np.ndarray, camera: Camera, middle: np.ndarray) -> int:
-    """Number of `point` [N, 3], relative to `middle`, that lie inside the image."""
+    """Number of points [N, 3], relative to `middle`, that are inside the image."""
     x, y, z = ((point + middle) @ camera.rotation.T + camera.translation).T
     tan_x, tan_y = camera.tan_half_fov
     return int(np.sum((z > camera.near) & (np.abs(x) < tan_x * z) & (np.abs(y) < tan_y * z)))
 
 
 def _reached(core: Core, factor: np.ndarray, eyes: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Mask [M] of the `eyes` [M, 3] to which one can walk from `start` [3] through cells that let
-    more light pass than they stop; all relative to the core's middle."""
+    """Mask [M] of the `eyes` [M, 3] that are connected to `start` [3] through free cells, which let
+    more light pass than they stop; all positions are relative to the core's middle."""
     side = 1.05 * np.abs(np.vstack([eyes, start])).max()
     cell = 2 * side / CELLS
     rng = np.random.default_rng(0)
@@ -200,8 +205,8 @@ def _reached(core: Core, factor: np.ndarray, eyes: np.ndarray, start: np.ndarray
 def perturbed(camera: Camera, distance: float, angle: float, rng: np.random.Generator) -> Camera:
     """The camera moved by up to `distance` scene units and turned by up to `angle` radians.
 
-    Direction of the step and axis of the turn are uniform on the sphere, step and turn uniform up
-    to their bounds; intrinsics and name stay.
+    The direction of the step and the axis of the turn are uniform on the sphere; step and turn are
+    uniform up to their bounds. Intrinsics and name stay.
     """
     way, axis = rng.standard_normal((2, 3))
     way, axis = way / np.linalg.norm(way), axis / np.linalg.norm(axis)

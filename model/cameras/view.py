@@ -1,4 +1,4 @@
-"""A camera for a scene file that comes without cameras."""
+"""A default camera for a scene file without cameras."""
 
 from dataclasses import dataclass
 
@@ -12,55 +12,54 @@ FIELD_OF_VIEW = np.radians(55.0)  # angle across the longer side of the image
 ELEVATION = np.radians(17.0)  # angle at which the camera looks down on its target
 
 OPAQUE = 0.3
-"""Opacity from which a Gaussian counts as something to look at, if a tenth of them reach it."""
+"""Smallest opacity of a Gaussian that counts, if at least a tenth of them reach it."""
 
 SHELL_RATIO = 4.0  # Gaussians beyond this many median distances from the middle are sky or floaters
-ROUNDS = 10  # most times that middle and median distance are taken again from the rest
+ROUNDS = 10  # maximum number of times that middle and median distance are recomputed
 CORE = (8.0, 92.0)  # percentiles along x and z that bound the core of a scene
 
 CORE_TALL = (2.0, 98.0)
-"""Percentiles along y: what stands on a wide ground has few of the Gaussians."""
+"""Percentiles along y: objects on a wide ground hold few of the Gaussians."""
 
 FILL = 0.85  # share of the image's half sides that the core takes up
-NEAREST = 3 * NEAR_PLANE  # least distance of the camera from its target, scene units
+NEAREST = 3 * NEAR_PLANE  # smallest distance of the camera from its target, scene units
 
 NEAREST_SHARE = 2.0**-40
-"""And as a share of the target's coordinates: float64 still tells the camera from its target."""
+"""The same as a share of the target's coordinates, so that camera and target differ in float64."""
 
-LARGEST = float(np.finfo(np.float32).max)  # positions and sizes beyond do not count
+LARGEST = float(np.finfo(np.float32).max)  # larger positions and sizes do not count
 DIRECTIONS = 24  # compass directions that are tried
 
 CLOSER = {1.0: 0.0, 0.7: 0.35, 0.5: 0.55}
-"""Shares of the distance that are tried, each with its handicap against an open view."""
+"""Shares of the distance that are tried → penalty for being that close."""
 
 EDGEWISE = 0.5
-"""Handicap, times what is missing from the greatest breadth, of directions that see a narrow
-side."""
+"""Penalty for directions that see a narrow side, per share of the greatest breadth that is
+missing."""
 
-DETOUR = 0.1  # handicap of seeing the scene from half a turn away from −z
+DETOUR = 0.1  # penalty for seeing the scene from half a turn away from −z
 
 INSIDE = 0.75
-"""Share of the core's sides within which matter is what one came to see; a room's walls are
-outside."""
+"""Share of the core's sides within which matter is the subject; a room's walls are outside."""
 
 WALLS = 0.25
-"""Handicap of a direction in which matter before the inside hides it, seen from full distance."""
+"""Penalty for a direction in which walls hide the core's inside, seen from full distance."""
 
-SAMPLE = 100_000  # Gaussians that are looked at, evenly picked; more would not change the view
+SAMPLE = 100_000  # Gaussians that are considered, picked evenly; more would not change the view
 
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """The part of a scene that it is about: a box, and the Gaussians in and near it that count."""
+    """The subject of a scene: a box, and the Gaussians in and near it that count."""
 
     middle: np.ndarray  # [3] centre of the box, scene units
     half: np.ndarray  # [3] its half sides
     index: np.ndarray  # [N] which Gaussians count
-    point: np.ndarray  # [N, 3] where they are, relative to `middle`
-    area: np.ndarray  # [N] square units that each stands for
+    point: np.ndarray  # [N, 3] their positions relative to `middle`
+    area: np.ndarray  # [N] area that each represents, square scene units
 
     def framing_distance(self, width: int, height: int, focal: float) -> float:
-        """From where the core fills an image of these pixels, `focal` too: scene units."""
+        """Distance (scene units) at which the core fills an image; arguments in pixels."""
         half = self.half
         wide = 1.15 * half[[0, 2]].max() * 2 * focal / width
         tall = half[1] * np.cos(ELEVATION) + half[[0, 2]].max() * np.sin(ELEVATION)
@@ -69,17 +68,20 @@ class Core:
 
 
 def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
-    """A camera that shows what the scene is about; y points down.
+    """Choose a camera that shows the subject of a scene; y points down.
 
-    Rule: only finite Gaussians of opacity ≥ 0.3 count (the more opaque half if fewer than a tenth
-    are). What lies more than 4 median distances from their coordinate-wise median is dropped and
-    both are taken again until nothing changes: sky shells and floaters go. The box between the 8th
-    and 92nd percentile (2nd and 98th along y) is the core. The camera looks at its centre from 17°
-    above, from where the core fills the image, 0.6 units at least. Of 24 compass directions, that
-    distance and two shorter ones, it takes the view with the fewest handicaps: matter outside the
-    core before it; walls, which hide the inside of the core; a narrow side of the core; a shorter
-    distance; a detour from −z. A scene in which nothing counts is seen as if it were a point at the
-    origin.
+    1. Only finite Gaussians of opacity ≥ 0.3 count (the more opaque half if fewer than a tenth
+       have that opacity).
+    2. Gaussians more than 4 median distances from the coordinate-wise median are dropped, and both
+       medians recomputed until nothing changes: this removes sky shells and floaters.
+    3. The core is the box between the 8th and 92nd percentile (2nd and 98th along y).
+    4. The camera looks at its centre from 17° above, at the distance at which the core fills the
+       image, at least 0.6 units.
+    5. Of 24 compass directions and three distances (that one and two shorter), the view with the
+       smallest penalty wins. Penalties: matter outside the core in front of it; walls that hide the
+       core's inside; a narrow side of the core; a shorter distance; a detour from −z.
+
+    A scene in which no Gaussian counts is seen like a point at the origin.
     """
     core = core_of(gaussians)
     focal = max(width, height) / (2 * np.tan(FIELD_OF_VIEW / 2))
@@ -89,7 +91,8 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
 
 
 def core_of(gaussians: Gaussians) -> Core:
-    """The core as `sensible_view` has it; at the origin and empty if nothing counts."""
+    """The core of a scene, by the rule of `sensible_view`; empty and at the origin if no Gaussian
+    counts."""
     index, area = _solid(gaussians)
     for _ in range(ROUNDS if len(index) else 0):
         place = gaussians.position[index]
@@ -110,8 +113,8 @@ def core_of(gaussians: Gaussians) -> Core:
 
 
 def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
-    """The Gaussians [N] that count, by index, and the area [N] each stands for (2π·product of
-    the two larger axes, times opacity, times how many it was picked from)."""
+    """Indices [N] of the Gaussians that count, and the area [N] that each represents: 2π · product
+    of the two larger axes · opacity · number of Gaussians it was picked from."""
     finite = (np.abs(gaussians.position) <= LARGEST).all(axis=1) & np.isfinite(gaussians.opacity)
     finite &= (np.abs(gaussians.factor) <= LARGEST).all(axis=(1, 2))
     index = np.flatnonzero(finite)
@@ -129,9 +132,13 @@ def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
 def _open_viewpoint(
     point: np.ndarray, area: np.ndarray, half: np.ndarray, distance: float
 ) -> np.ndarray:
-    """The best place to stand, [3] relative to the target, of all directions and distances.
+    """The best position [3] of the camera, relative to the target, over all directions and
+    distances.
 
-    `point` [N, 3] is relative to the target, `half` [3] the core's half sides.
+    point: [N, 3] relative to the target
+    area: [N] that each point represents, square scene units
+    half: [3] the core's half sides, scene units
+    distance: the largest distance, scene units
     """
     azimuth = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS  # 0 is −z
     sideways = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)  # the image's x, in (x, z)
@@ -158,13 +165,13 @@ def _open_viewpoint(
 def blocked(
     point: np.ndarray, area: np.ndarray, half: np.ndarray, eye: np.ndarray, until: float
 ) -> float:
-    """Share of the view that matter outside the box ±`half` [3] hides, 0 … 1.
+    """Share of the view, 0 … 1, that is hidden by matter outside the box ±`half` [3].
 
-    The view is a cone from `eye` [3] to the share `until` of the way to the target.
+    The view is a cone from `eye` [3] that ends at the share `until` of the way to the target.
     """
     distance = np.linalg.norm(eye)
     if not distance:
-        return 0.0  # one stands at the target
+        return 0.0  # the eye is at the target
     way = -eye / distance
     from_eye = point - eye
     depth = from_eye @ way

@@ -1,8 +1,8 @@
-"""The finished steps of a compression: a folder from which it goes on where it ended.
+"""The finished steps of a compression, kept in a folder so that an interrupted run can resume.
 
-`steps.json` says what is computed (the key) and what was chosen, and lists the steps; each has a
-file of its own beside it: a scene (.npz with the arrays of `Scene` as float32, its name and mark)
-or a packed model (.splatcore). A step that is not finished may keep its state there (.pt).
+`steps.json` holds the key of the computation, the choice of the model, and the list of steps. Each
+step has its own file next to it: a scene (.npz with the arrays of `Scene` as float32, its name and
+its mark) or a packed model (.splatcore). An unfinished step may keep its state there (.pt).
 """
 
 import json
@@ -28,7 +28,7 @@ Result = Scene | PackedModel
 
 
 def ply_bytes(count: int, degree: int) -> int:
-    """Size of the original 3DGS's PLY: float32, all attributes, normals among them."""
+    """Size in bytes of a PLY of the original 3DGS: float32, all attributes, with normals."""
     names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2".split()
     names += [f"rot_{k}" for k in range(4)]
     names += [f"f_rest_{k}" for k in range(3 * sh_count(degree) - 3)]
@@ -39,23 +39,27 @@ def ply_bytes(count: int, degree: int) -> int:
 
 @dataclass(frozen=True)
 class Step:
-    """A finished step. bytes: of its PLY (`ply_bytes`) or packed model; seconds: that it took."""
+    """A finished step."""
 
     name: str  # "original", "prune 0.4", "prune 0.4 (2)", "distill 1", "quantize"
     kind: str  # one of KINDS
     gaussians: int
     sh_degree: int
-    bytes: int
-    seconds: float
-    loss: float | None  # of the last fine-tuning, if there was one
-    file: str  # beside steps.json
+    bytes: int  # of its PLY (`ply_bytes`) or packed model
+    seconds: float  # time it took
+    loss: float | None  # of its fine-tuning, if any
+    file: str  # next to steps.json
 
 
 class Checkpoints:
-    """The steps in a folder, of one computation: `key` says which (scene, options)."""
+    """The steps of one computation, kept in a folder."""
 
     def __init__(self, folder: Path, key: str):
-        """InputError if the folder holds another computation's steps; none is ever removed."""
+        """Open a folder, which need not exist yet; nothing in it is ever removed.
+
+        key: identifies the computation (scene, options)
+        Raises InputError if the folder holds the steps of another computation.
+        """
         self.folder, self.key = Path(folder), key
         self.steps: tuple[Step, ...] = ()
         self.choice: dict | None = None
@@ -76,15 +80,15 @@ class Checkpoints:
 
     @property
     def unfinished(self) -> Path:
-        """Where the step after the last one may keep its state; removed when that step is kept."""
+        """File for the state of the unfinished step; removed when that step is saved."""
         return self.folder / f"{len(self.steps):02}-unfinished.pt"
 
     def find(self, name: str) -> Step | None:
-        """The step of that name, if there is one."""
+        """The step of that name, or None."""
         return next((step for step in self.steps if step.name == name), None)
 
     def choose(self, make: Callable[[], dict]) -> dict:
-        """What `make` has chosen (JSON), made once and kept."""
+        """The kept choice (JSON), or that of `make`, which is then kept."""
         if self.choice is None:
             self.choice = make()
             with reading(self.folder, "cannot be written"):
@@ -93,7 +97,7 @@ class Checkpoints:
         return self.choice
 
     def _write(self, steps: Sequence[Step]):
-        """Write the table: whole, or not at all."""
+        """Write the table, entirely or not at all."""
         table = {"key": self.key, "choice": self.choice, "steps": [asdict(each) for each in steps]}
         part = self.folder / ".part.json"
         part.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n")
@@ -102,12 +106,12 @@ class Checkpoints:
     def save(
         self, name: str, kind: str, result: Result, seconds: float = 0.0, loss: float | None = None
     ) -> Step:
-        """Keep a step with its scene or packed model.
+        """Keep a finished step with its scene or packed model.
 
-        Scenes are kept in float32: go on from `load(step)`, as the next call must.
+        Scenes are kept in float32: continue from `load(step)`, as a resumed run does.
         """
         if self.find(name):
-            raise ValueError(f"step {name!r} is there already")
+            raise ValueError(f"step {name!r} already exists")
         packed = isinstance(result, PackedModel)
         degree = result.format.sh_degree if packed else result.sh_degree
         size = len(result.image) if packed else ply_bytes(len(result), degree)
@@ -131,7 +135,7 @@ class Checkpoints:
         return step
 
     def load(self, step: Step) -> Result:
-        """The scene of a step, or the model of "quantize"; InputError names a broken file."""
+        """The scene of a step, or the model of "quantize"; InputError names the broken file."""
         path = self.folder / step.file
         if step.kind == "quantize":
             model = read_model(path)
@@ -150,7 +154,7 @@ class Checkpoints:
 
 
 def _step(entry: object, where: str) -> Step:
-    """A step of steps.json."""
+    """A checked entry of steps.json."""
     entry, kinds = file.checked(entry, dict, where), get_type_hints(Step)
     kinds.pop("loss")
     values = {name: file.field(entry, name, kind, where) for name, kind in kinds.items()}

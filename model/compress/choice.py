@@ -1,8 +1,8 @@
-"""What a model shall be: degree, quality and number of Gaussians, chosen by trials on the scene.
+"""Choice of a model's degree, quality and number of Gaussians, by trials on the scene.
 
-A trial merges Gaussians and fits the harmonics that stay by least squares, packs the result and
-looks at it, without fine-tuning. That favours models in steps (`STEPS_LEARN`), and else changes
-hardly more than near ties (docs/compression.md).
+A trial merges Gaussians, fits the remaining harmonics by least squares, packs the result and
+measures its PSNR, without fine-tuning. Fine-tuning would favour models in steps (`STEPS_LEARN`
+corrects for it) and otherwise hardly change more than near ties (docs/compression.md).
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ from splatcore.model.compress.prune import count_in, merged, scaled_schedule, so
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
-from splatcore.model.gradients.finetune import Tell
+from splatcore.model.gradients.finetune import Progress
 from splatcore.model.pack.pack import format_of, layout_of, pack, qualities_of
 from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
 from splatcore.spec.camera import Camera
@@ -31,68 +31,67 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 Speed = Callable[[PackedModel, Sequence[Camera]], float]
-"""Frames a second of a machine with a model, mean over cameras."""
+"""Frames per second of a machine with a model, averaged over cameras."""
 
-TIMED = 3  # views by which frames a second are told
-WEIGHED = 48  # views of which significance is the sum, at most
+TIMED = 3  # views used to estimate frames per second
+WEIGHED = 48  # views used to compute significance, at most
 
 TIE = 0.1
 """dB by which a model has to be better than one of a lower degree."""
 
 LEARNED = 2.0
-"""dB that fine-tuning gives back, at least, of what a trial has lost (eleven models of four scenes:
-1.4 to 7); by so much a trial may miss the PSNR that is asked for."""
+"""dB that fine-tuning recovers at least (1.4 to 7 for eleven models of four scenes); a trial may
+miss the requested PSNR by this much."""
 
 STEPS_LEARN = 1.2
-"""dB that a model in steps learns more than one in codebooks of as many bytes, where harmonics are
-worth something (skull and leica-sofort at 40 to 80 times; docs/compression.md)."""
+"""dB that fine-tuning improves a model in steps more than one in codebooks of equal size, if
+harmonics matter (skull and leica-sofort at ratios of 40 to 80; docs/compression.md)."""
 
 REACHED = 6.0
 """dB that a compact model of all Gaussians may gain by fine-tuning, at most."""
 
-LEAST = 0.01  # share of the Gaussians that a trial keeps at least
-HALVINGS = 6  # of the logarithm of the number of Gaussians, in a search
+LEAST = 0.01  # smallest share of the Gaussians that a trial keeps
+HALVINGS = 6  # steps of a search, which bisects the logarithm of the number of Gaussians
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A model that was tried. psnr_db: against the pictures to be learned from, before it learns;
-    None if there was nothing to choose. fps: where these are asked for."""
+    """The result of trying a model."""
 
     degree: int
     quality: str  # of QUALITIES
     gaussians: int
     bytes: int
-    psnr_db: float | None
-    fps: float | None = None
+    psnr_db: float | None  # against the training pictures, before fine-tuning; None: no choice
+    fps: float | None = None  # only with a target of frames per second
 
 
 @dataclass(eq=False)
 class Trials:
-    """Tries models of a scene; Gaussians are merged once for all trials of as many or fewer."""
+    """Tries models of a scene; merged scenes are kept for trials with fewer Gaussians."""
 
     scene: Scene
     targets: Sequence[Target]
     recipe: Recipe
     config: Config
-    tell: Tell
+    progress: Progress
     speed: Speed | None = None
-    levels: list[tuple[Scene, np.ndarray]] = field(default_factory=list)  # with significances
+    levels: list[tuple[Scene, np.ndarray]] = field(default_factory=list)  # and significances [N]
     done: list[Trial] = field(default_factory=list)
 
     def __post_init__(self):
         self.cameras = [target.camera for target in spread(self.targets, WEIGHED)]
 
-        def tell(done: int, total: int):
-            self.tell("choice: looking", done, total, None)
+        def progress(done: int, total: int):
+            self.progress("choice: weighing Gaussians", done, total, None)
 
-        weight = significance(self.scene, self.cameras, tell)
+        weight = significance(self.scene, self.cameras, progress)
         if not weight.any():
-            raise InputError("none of the views shows a Gaussian")
+            raise InputError("no view shows a Gaussian")
         self.levels.append((self.scene, weight))
 
     def packings(self) -> list[tuple[int, str]]:
-        """Degrees and qualities that the model may have: the recipe's, or all that there are."""
+        """Degrees and qualities to try: the recipe's, or all that the machine renders."""
         recipe, top = self.recipe, min(self.scene.sh_degree, self.config.sh_degree)
         if recipe.quality or recipe.in_steps:
             return [tuple(recipe.packing.values())]
@@ -104,28 +103,28 @@ class Trials:
         return found + [(degree, STEPPED[1]) for degree in range(3, top + 1)]
 
     def room_for(self, degree: int, quality: str, size: float) -> int:
-        """Gaussians of a model of so many bytes, at most those of the scene."""
+        """Number of Gaussians that fit in `size` bytes, at most all of the scene."""
         return min(count_in(size, *sizes(self.config, degree, quality)), len(self.scene))
 
     def merged(self, count: int) -> Scene:
-        """The scene with so many Gaussians."""
+        """The scene merged to `count` Gaussians."""
         scene, weight = min((e for e in self.levels if len(e[0]) >= count), key=lambda e: len(e[0]))
         if len(scene) > count:
-            self.tell(f"choice: {count} Gaussians", 0, 1, None)
+            self.progress(f"choice: {count} Gaussians", 0, 1, None)
             self.levels.append(merged(scene, weight, 1 - count / len(scene)))
             scene = self.levels[-1][0]
         return scene
 
     def model(self, degree: int, quality: str, count: int) -> PackedModel:
-        """The model, without fine-tuning."""
+        """The packed model, without fine-tuning."""
         scene = self.merged(count)
         if degree < scene.sh_degree:
             scene = projected(scene, degree, self.cameras)
-        self.tell(f"choice: packing {count} Gaussians, degree {degree}", 0, 1, None)
+        self.progress(f"choice: packing {count} Gaussians, degree {degree}", 0, 1, None)
         return pack(scene, self.config, degree, quality=quality)[0]
 
     def tried(self, degree: int, quality: str, count: int) -> Trial:
-        """What the model is worth."""
+        """Try a model: measure its PSNR, and its frames per second if the recipe needs them."""
         model = self.model(degree, quality, count)
         worth = decibels(model.gaussians(), spread(self.targets, JUDGED))
         fps = self.fps(model) if self.recipe.target_fps else None
@@ -133,8 +132,8 @@ class Trials:
         return self.done[-1]
 
     def fps(self, model: PackedModel) -> float:
-        """Frames a second in the views that stand for all."""
-        self.tell(f"choice: cycles of {len(model)} Gaussians", 0, 1, None)
+        """Frames per second, averaged over TIMED of the views."""
+        self.progress(f"choice: cycles of {len(model)} Gaussians", 0, 1, None)
         return self.speed(model, [target.camera for target in spread(self.targets, TIMED)])
 
 
@@ -144,30 +143,32 @@ def decide(
     recipe: Recipe,
     checkpoints: Checkpoints,
     config: Config = DEFAULT,
-    tell: Tell = lambda what, done, total, loss: None,
+    progress: Progress = lambda phase, done, total, loss: None,
     original: int | None = None,
     speed: Speed | None = None,
 ) -> Recipe:
-    """The recipe with what it leaves open chosen: the degree and quality of the model, and what
-    each pruning removes. Takes what `compress` takes; what was chosen once stands."""
+    """Complete a recipe: choose the model's degree and quality, and the pruning rates; or take them
+    from `checkpoints`. Parameters as in `compress`."""
     if not targets:
-        raise InputError("there is no picture to learn from")
+        raise InputError("no picture to learn from")
     if recipe.degree is not None and not recipe.targeted:
         return recipe
 
     def make() -> dict:
         kept = sound(scene)
         size = original or ply_bytes(len(kept), kept.sh_degree)
-        return choose(Trials(kept, targets, recipe, config, tell, speed), size)
+        return choose(Trials(kept, targets, recipe, config, progress, speed), size)
 
     return resolved(recipe, checkpoints.choose(make))
 
 
 def choose(trials: Trials, original: int) -> dict:
-    """The `trials` (fields of `Trial`), which of them was `chosen`, and the `schedule` of prunings
-    that leaves its Gaussians. InputError if the recipe's target cannot be reached, with what can.
+    """Try models and choose one, as JSON for `Checkpoints.choose`.
 
-    original: bytes that ratios are counted from.
+    original: bytes that ratios refer to
+    Returns `trials` (fields of `Trial`), the index `chosen` of one of them, and the `schedule` of
+    prunings that leads to its number of Gaussians.
+    Raises InputError if the recipe's target cannot be reached; it says what can.
     """
     recipe = trials.recipe
     if recipe.target_psnr is not None:
@@ -186,7 +187,7 @@ def choose(trials: Trials, original: int) -> dict:
 
 
 def resolved(recipe: Recipe, choice: dict) -> Recipe:
-    """The recipe with what was chosen in place of what was left open."""
+    """The recipe with open fields replaced by the choice."""
     trial = Trial(**choice["trials"][choice["chosen"]])
     rates = tuple(choice["schedule"]) if recipe.max_drop is None else recipe.schedule
     steps = recipe.steps * max(len(recipe.schedule), 1) if recipe.targeted else recipe.steps
@@ -197,8 +198,8 @@ def resolved(recipe: Recipe, choice: dict) -> Recipe:
 
 
 def room(trials: Trials, original: int) -> float:
-    """Bytes that the model may have: those asked for, else what a compact one has after the
-    recipe's prunings."""
+    """Size limit of the model in bytes: the recipe's target, or the size of a compact model after
+    the recipe's prunings."""
     recipe = trials.recipe
     if recipe.target_bytes is not None:
         return recipe.target_bytes
@@ -212,14 +213,14 @@ def room(trials: Trials, original: int) -> float:
 
 
 def for_bytes(trials: Trials, size: float) -> Trial:
-    """The best model of at most so many bytes."""
+    """The best model of at most `size` bytes."""
     fits = [(trials.room_for(*packing, size), packing) for packing in trials.packings()]
     smallest = min(format.layout(1, beats).end for format, beats in
                    (sizes(trials.config, *packing) for _, packing in fits))  # fmt: skip
     fits = [found for found in fits if found[0]]
     if not fits:
         option = "--target-bytes" if trials.recipe.target_bytes is not None else "--target-ratio"
-        raise InputError(f"{option}: leaves {size:.0f} bytes, and a model has {smallest} at least")
+        raise InputError(f"{option}: allows {size:.0f} bytes, the smallest model has {smallest}")
     if len(fits) == 1:  # nothing to choose
         count, packing = fits[0]
         trials.done.append(Trial(*packing, count, round(size), None))
@@ -229,8 +230,8 @@ def for_bytes(trials: Trials, size: float) -> Trial:
 
 
 def best_of(found: list[Trial]) -> Trial:
-    """The trial that promises the most dB once it has learned, and of those that promise as much
-    the one of the lowest degree."""
+    """The trial with the highest PSNR expected after fine-tuning; of near ties, the one with the
+    lowest degree."""
     more = STEPS_LEARN if harmonics_matter(found) else 0.0
 
     def promised(trial: Trial) -> float:
@@ -242,8 +243,8 @@ def best_of(found: list[Trial]) -> Trial:
 
 
 def harmonics_matter(found: list[Trial]) -> bool:
-    """True if of the trials in codebooks the best of degree 1 is better than that of degree 0, so
-    that there is something for harmonics in steps to learn."""
+    """True if the best codebook trial of degree 1 beats the best of degree 0: then harmonics in
+    steps have something to learn."""
     codebooks = [trial for trial in found if trial.quality in INDEXED]
     plain, turning = (
         max((trial.psnr_db for trial in codebooks if trial.degree == degree), default=-inf)
@@ -253,8 +254,8 @@ def harmonics_matter(found: list[Trial]) -> bool:
 
 
 def edge(low: int, high: int, over: Callable[[int], bool]) -> tuple[int, int]:
-    """Numbers of Gaussians close to each other, the second of which is `over`; as `high` is, and
-    `low` is not."""
+    """Bisect between `low`, which is not `over` a threshold, and `high`, which is; return two close
+    numbers of Gaussians around it."""
     for _ in range(HALVINGS):
         middle = round(sqrt(low * high))
         if low < middle < high:
@@ -263,12 +264,12 @@ def edge(low: int, high: int, over: Callable[[int], bool]) -> tuple[int, int]:
 
 
 def least(trials: Trials) -> int:
-    """The fewest Gaussians that are tried in a search."""
+    """The smallest number of Gaussians that a search tries."""
     return max(round(LEAST * len(trials.scene)), 1)
 
 
 def for_psnr(trials: Trials, wanted: float) -> Trial:
-    """The smallest model from which fine-tuning will come to so many dB."""
+    """The smallest model that is expected to reach `wanted` dB by fine-tuning."""
     reached = []
 
     def good(packing: tuple[int, str], count: int) -> bool:
@@ -285,12 +286,12 @@ def for_psnr(trials: Trials, wanted: float) -> Trial:
     best = best_of(trials.done)
     if best.quality in INDEXED and best.psnr_db >= wanted - REACHED:
         return best
-    what = f"degree {best.degree}, {best.quality}, has {best.psnr_db:.1f} dB before it learns"
-    raise InputError(f"--target-psnr: {wanted:g} dB: the best model of all Gaussians, {what}")
+    found = f"{best.psnr_db:.1f} dB before fine-tuning (degree {best.degree}, {best.quality})"
+    raise InputError(f"--target-psnr: {wanted:g} dB: the best model of all Gaussians has {found}")
 
 
 def for_fps(trials: Trials, wanted: float) -> Trial:
-    """The best model with which the machine is so fast."""
+    """The best model that the machine renders at `wanted` frames per second."""
     cheapest = trials.packings()[0]
 
     def fps(count: int) -> float:
@@ -300,14 +301,16 @@ def for_fps(trials: Trials, wanted: float) -> Trial:
     if fps(count) < wanted:
         most = fps(low)
         if most < wanted:
-            what = f"with {low} Gaussians, 1 % of all, {trials.config.name} makes {most:.0f}"
-            raise InputError(f"--target-fps: {wanted:g}: {what}")
+            fault = (
+                f"with {low} Gaussians, 1 % of all, {trials.config.name} reaches only {most:.0f}"
+            )
+            raise InputError(f"--target-fps: {wanted:g}: {fault}")
         count, _ = edge(low, count, lambda some: fps(some) < wanted)
     found = [trials.tried(*packing, count) for packing in trials.packings()]
     return best_of([trial for trial in found if trial.fps >= wanted] or found[:1])
 
 
 def sizes(config: Config, degree: int, quality: str) -> tuple:
-    """The format of a model, and beats of harmonics of each Gaussian."""
+    """The format of a model, and beats of harmonics per Gaussian."""
     beats = LAYOUTS[layout_of(quality, degree)].beats if quality in STEPPED else 0
     return format_of(config, quality, degree), beats

@@ -1,6 +1,9 @@
-"""Colours by codebooks in fine-tuning. Entries are optimised on their grid. Each Gaussian's own
-harmonics learn as well, by the same gradients (a straight-through estimator; van den Oord et al.
-2017), and from time to time it takes the entries that are nearest to them, as the views see it."""
+"""Fine-tuning of colours in codebooks.
+
+The entries are optimised on their grid. Each Gaussian also keeps harmonics of its own, which learn
+by the same gradients (a straight-through estimator; van den Oord et al. 2017). From time to time it
+is assigned the entries nearest to them, as seen from the views.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,16 +28,16 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 CODEBOOK_RATE = RATES["sh0"] * SH_C0
-"""Learning rate of the codebooks' entries, which are colours: that of sh0 in units of colour."""
+"""Learning rate of the codebooks' entries: the rate of sh0, converted to units of colour."""
 
 
 Nearest = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Of vectors [N, D] and entries [K, D] the index [N] of the entry that is nearest to each."""
+"""Function of vectors [N, D] and entries [K, D]: the index [N] of the nearest entry of each."""
 
 
 @dataclass(eq=False)
 class Stages:
-    """A codebook whose entries are optimised: one tensor [2^bits, D] a stage, in real units."""
+    """A codebook whose entries are optimised: one tensor [2^bits, D] per stage, in real units."""
 
     format: Fixed
     exponent: int
@@ -59,8 +62,8 @@ class Stages:
         return sum(values.index_select(0, index) for values, index in stages)
 
     def assign(self, vectors: np.ndarray, nearest: Nearest) -> np.ndarray:
-        """Give each of the vectors [N, D] the nearest entry of each stage, in turn; returns what is
-        left of them."""
+        """Assign the nearest entry to each of the vectors [N, D], stage by stage; return the
+        remaining errors [N, D]."""
         rest = vectors
         for index, entries in zip(self.index, self.rounded(), strict=True):
             values = entries.detach().double().cpu().numpy()
@@ -79,22 +82,23 @@ class Stages:
 
 @dataclass(eq=False)
 class InCodebooks(Quantised):
-    """A scene of degree 0 or 1 under the numbers of a compact model."""
+    """A scene of degree 0 or 1, quantised to a model in codebooks (small or compact)."""
 
     colour: Stages
     harmonics: Stages
     seen: Directions
 
     def refresh_colours(self, scene: Scene, stored: Stored):
-        """Give each Gaussian the entries nearest to what it has learned, as the views see it."""
-        colours = colours_beside(self.harmonics, scene, self.seen)
+        """Assign to each Gaussian the entries nearest to its own harmonics, as seen from the
+        views."""
+        colours = assign_slopes(self.harmonics, scene, self.seen)
         self.colour.assign(colours, pairwise_distances_argmin)
 
     def taken(self) -> list[torch.Tensor]:
         return super().taken() + self.colour.index + self.harmonics.index
 
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
-        """Those of the entries; gradients go to the entries and to the Gaussian's own alike."""
+        """Harmonics from the entries; gradients go to the entries and to the Gaussian's own."""
         sh = [((self.colour.decode() - COLOUR_OFFSET) / SH_C0)[:, None]]
         if self.harmonics.entries:
             x, y, z = self.harmonics.decode().reshape(-1, 3, 3).unbind(2)
@@ -125,7 +129,12 @@ def in_codebooks(
     seed: int,
     quality: str = COMPACT,
 ) -> InCodebooks:
-    """A scene of degree 0 or 1 with codebooks by k-means weighted by significance [N]."""
+    """Quantise a scene of degree 0 or 1 with codebooks by k-means.
+
+    weight: [N] significance of each Gaussian
+    seen: directions from which the views look at each Gaussian
+    quality: of `INDEXED`
+    """
     format = model_format(config, scene.sh_degree)
     weight = np.maximum(weight, np.finfo(np.float32).tiny)
     tensors, (_, slopes) = tensors_of(scene), appearance(scene)
@@ -133,16 +142,16 @@ def in_codebooks(
     of_slopes = weight if len(slopes) else None
     found = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
     harmonics = Stages.of(found, SLOPE, like)
-    colours = colours_beside(harmonics, scene, seen)
+    colours = assign_slopes(harmonics, scene, seen)
     found = quantise(colours, format.colour_index, COMPONENT, seed, weight)
     colour = Stages.of(found, COMPONENT, like)
     return InCodebooks(tensors, config, quality, colour, harmonics, seen)
 
 
-def colours_beside(harmonics: Stages, scene: Scene, seen: Directions) -> np.ndarray:
-    """Give each Gaussian of the scene the nearest slopes; returns the colours [N, 3] beside them,
-    which make up for what these lack."""
+def assign_slopes(harmonics: Stages, scene: Scene, seen: Directions) -> np.ndarray:
+    """Assign the nearest slopes to each Gaussian; return colours [N, 3] that compensate for the
+    error of the slopes."""
     colours, slopes = appearance(scene)
     if not harmonics.entries:
         return colours
-    return seen.made_up(colours, harmonics.assign(slopes, seen.nearest))
+    return seen.compensated(colours, harmonics.assign(slopes, seen.nearest))

@@ -1,6 +1,6 @@
-"""Compression, step by step: prune and fine-tune, distil, quantise, pack.
+"""Compression in steps: prune and fine-tune, distil, quantise, pack.
 
-Each step is kept in a folder (`model.compress.checkpoint`), from which the next run goes on.
+Each finished step is kept in a folder (`model.compress.checkpoint`), so that a later run resumes.
 """
 
 import itertools
@@ -24,7 +24,7 @@ from splatcore.model.compress.significance import significance
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
-from splatcore.model.gradients.finetune import Tell, finetune
+from splatcore.model.gradients.finetune import Progress, finetune
 from splatcore.model.gradients.unfinished import Unfinished
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
@@ -34,21 +34,21 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 ASIDE, ASIDE_MOST = 7, 24
-"""One view of so many is kept aside where a PSNR or a loss is asked for, and at most so many."""
+"""With a target PSNR or a maximum drop, one of ASIDE views is held out, at most ASIDE_MOST."""
 
-FITTED = 96  # views, at most, by which harmonics that go are fitted
+FITTED = 96  # views, at most, to which a lower degree of harmonics is fitted
 
 PRUNING_SHARE = 0.6
 """Share of the loss that pruning may use up; the rest is for distillation and quantisation."""
 
 ATTEMPTS, CLOSE = 3, 0.5
-"""Models that are made for a PSNR if the first one has it, at most, and dB that end the search."""
+"""A search for a target PSNR ends after ATTEMPTS models if one reaches it, or within CLOSE dB."""
 
-DOUBLED = 3.0  # dB that twice as many Gaussians bring, about (leica-sofort 3.5, skull 2.3)
+DOUBLED = 3.0  # dB gained by doubling the Gaussians, about (leica-sofort 3.5, skull 2.3)
 
-RATE_MIN = 0.05  # pruning rates below are not tried
+RATE_MIN = 0.05  # smallest pruning rate that is tried
 FASTER, FASTER_STEPS = 0.1, 0.25
-"""Shares of the Gaussians and of the steps for a scene that learned and is not fast enough."""
+"""Shares of the Gaussians and of the steps of each further pruning of a scene that is too slow."""
 
 
 def compress(
@@ -57,23 +57,26 @@ def compress(
     recipe: Recipe,
     checkpoints: Checkpoints,
     config: Config = DEFAULT,
-    tell: Tell = lambda what, done, total, loss: None,
+    progress: Progress = lambda phase, done, total, loss: None,
     original: int | None = None,
     speed: Speed | None = None,
 ) -> Iterator[Step]:
-    """Compress a scene to a packed model; yields each finished step, "quantize" at last.
+    """Compress a scene to a packed model; yield each finished step, "quantize" last.
 
-    The caller may stop after any step. The scene learns from `targets`: photographs, or its own
-    pictures. What `checkpoints` holds already is yielded, not done again. `original` are the bytes
-    that ratios are counted from (default: the scene's as a PLY); `speed` is needed for frames a
-    second as target. InputError if nothing of the scene can be seen, if the degree or the target
-    cannot be reached, and where the loss is NaN; earlier steps stay.
+    targets: cameras and pictures to learn from, photographs or the scene's own
+    checkpoints: finished steps; steps that exist are yielded without being computed again
+    config: the machine that the model is for
+    original: bytes that ratios refer to (default: the scene as a PLY)
+    speed: estimates frames per second; needed with such a target
+
+    The caller may stop after any step. Raises InputError if no Gaussian is visible, if the degree
+    or the target cannot be reached, and if the loss becomes NaN; finished steps are kept.
     """
     recipe.check(scene, config)
     scene = sound(scene)
     try:
-        recipe = decide(scene, targets, recipe, checkpoints, config, tell, original, speed)
-        work = Compression(tuple(targets), recipe, checkpoints, config, tell, speed)
+        recipe = decide(scene, targets, recipe, checkpoints, config, progress, original, speed)
+        work = Compression(tuple(targets), recipe, checkpoints, config, progress, speed)
         start = yield from work.step("original", "original", lambda: (scene, None))
         if recipe.max_drop is not None:
             yield from work.within(start, recipe.max_drop)
@@ -88,23 +91,23 @@ def compress(
             start = yield from work.fast_enough(start, recipe.target_fps)
         yield from work.packed(start)
     except InputError as error:
-        kept = f"; what came before is in {checkpoints.folder}" if checkpoints.steps else ""
+        kept = f"; finished steps are in {checkpoints.folder}" if checkpoints.steps else ""
         raise InputError(f"{scene.name}: {error}{kept}") from None
 
 
 Steps = Generator[Step, None, Scene]
-"""Yields finished steps and returns the scene that the last of them left."""
+"""Yields finished steps and returns the scene after the last one."""
 
 
 @dataclass(eq=False)
 class Compression:
-    """The steps of one compression, each kept when it is done."""
+    """The steps of one compression; each is kept when it is finished."""
 
     targets: tuple[Target, ...]
     recipe: Recipe
     checkpoints: Checkpoints
     config: Config
-    tell: Tell
+    progress: Progress
     speed: Speed | None = None
     cameras: list[Camera] = field(init=False)
     extent: float = field(init=False)  # of the cameras, scene units
@@ -116,15 +119,18 @@ class Compression:
         self.extent = trainable.extent_of(self.cameras)
 
     def next_name(self, text: str) -> str:
-        """The name of a step to come; the second of the same text is "… (2)"."""
+        """The name of the next step of that text; the second one is "… (2)"."""
         count = self.names.count(text) + 1
         return text if count == 1 else f"{text} ({count})"
 
     def step(
         self, text: str, kind: str, make: Callable[[], tuple[Result, float | None]]
     ) -> Generator[Step, None, Result]:
-        """Yields the step that is kept, else what `make` makes, with its loss; returns its scene or
-        model."""
+        """Take a step from the checkpoints, or make and keep it; yield it and return its scene or
+        model.
+
+        make: returns the scene or model, and the loss
+        """
         name = self.next_name(text)
         self.names.append(text)
         step = self.checkpoints.find(name)
@@ -135,21 +141,20 @@ class Compression:
         yield step
         return self.checkpoints.load(step)
 
-    def weights(self, scene: Scene, what: str) -> np.ndarray:
-        """Significance [N] over at most WEIGHED training views; that of the last scene is
-        remembered."""
+    def weights(self, scene: Scene, phase: str) -> np.ndarray:
+        """Significance [N] over at most WEIGHED training views, cached for the last scene."""
         if self.weighed and self.weighed[0] is scene:
             return self.weighed[1]
 
-        def tell(done: int, total: int):
-            self.tell(f"{what}: looking", done, total, None)
+        def progress(done: int, total: int):
+            self.progress(f"{phase}: weighing Gaussians", done, total, None)
 
-        found = significance(scene, spread(self.cameras, WEIGHED), tell)
+        found = significance(scene, spread(self.cameras, WEIGHED), progress)
         self.weighed = scene, found
         return found
 
     def pruned(self, scene: Scene, rate: float, share: float = 1.0) -> Steps:
-        """The scene after one pruning and fine-tuning, of a share of the recipe's steps."""
+        """Prune by `rate`, then fine-tune with a share of the recipe's steps."""
         name = f"prune {rate:.3g}"
 
         def make() -> tuple[Scene, float | None]:
@@ -159,7 +164,7 @@ class Compression:
             steps, seed = round(share * recipe.steps), recipe.seed
             left = recipe.learning.left
             loss = finetune(
-                tensors, adams, self.targets, steps, seed, self.tell, name, left,
+                tensors, adams, self.targets, steps, seed, self.progress, name, left,
                 kept=Unfinished(self.checkpoints.unfinished), antialiased=scene.antialiased,
             )  # fmt: skip
             learned = sound(trainable.scene_of(tensors, scene))
@@ -168,13 +173,13 @@ class Compression:
         return self.step(name, "prune", make)
 
     def distilled(self, scene: Scene, degree: int) -> Steps:
-        """The scene with harmonics up to `degree` only."""
+        """Reduce the harmonics to `degree` by distillation."""
         name = f"distill {degree}"
 
         def make() -> tuple[Scene, float | None]:
             cameras = spread(self.cameras, FITTED)
             student, loss = distill(
-                scene, degree, cameras, self.extent, self.recipe, self.tell, name,
+                scene, degree, cameras, self.extent, self.recipe, self.progress, name,
                 Unfinished(self.checkpoints.unfinished),
             )  # fmt: skip
             return sound(trainable.scene_of(student, scene)), loss
@@ -182,74 +187,73 @@ class Compression:
         return self.step(name, "distill", make)
 
     def lowered(self, scene: Scene) -> Steps:
-        """The scene with no more harmonics than the model will have at most."""
+        """Reduce the harmonics, degree by degree, to the highest degree that the model may have."""
         for degree in degrees(scene, min(self.config.sh_degree, self.recipe.highest)):
             scene = yield from self.distilled(scene, degree)
         return scene
 
     def before_pruning(self, scene: Scene) -> Steps:
-        """The scene that pruning begins with."""
+        """The scene with which pruning begins."""
         if self.recipe.order == "distill-first":
             scene = yield from self.lowered(scene)
         return scene
 
     def packed(self, scene: Scene) -> Generator[Step, None, PackedModel]:
-        """Quantise and pack a pruned scene; harmonics above the model's go first, if they have
-        not."""
+        """Quantise and pack a pruned scene, after reducing its harmonics to the model's degree."""
         scene = yield from self.lowered(scene)
         name = self.next_name("quantize")
         return (yield from self.step("quantize", "quantize", lambda: self.quantised(scene, name)))
 
     def quantised(self, scene: Scene, name: str) -> tuple[PackedModel, float | None]:
-        """The packed model after fine-tuning under its numbers."""
+        """Quantise a scene and fine-tune it under the model's number formats."""
         work = self.under_numbers(scene, name)
         first = work.packed(scene)
         leaves, rates = work.leaves()
 
-        def tell(what: str, done: int, total: int, loss: float | None):
+        def progress(phase: str, done: int, total: int, loss: float | None):
             if done % REFRESH == 0:
                 work.refresh()
-            self.tell(what, done, total, loss)
+            self.progress(phase, done, total, loss)
 
         recipe, learning = self.recipe, self.recipe.learning
         adams = trainable.refining(leaves, learning.numbers * recipe.rate, rates)
         loss = finetune(
-            work.tensors, adams, self.targets, recipe.quantize_steps, recipe.seed + 1, tell, name,
-            learning.last, work.rendered, Unfinished(self.checkpoints.unfinished, work.taken),
-            scene.antialiased,
+            work.tensors, adams, self.targets, recipe.quantize_steps, recipe.seed + 1, progress,
+            name, learning.last, work.rendered,
+            Unfinished(self.checkpoints.unfinished, work.taken), scene.antialiased,
         )  # fmt: skip
         return best_looking((first, work.packed(scene)), self.targets), loss
 
     def under_numbers(self, scene: Scene, name: str) -> Quantised:
-        """The scene under the numbers of the model that it becomes."""
+        """Set up a scene for fine-tuning under the number formats of its model."""
         recipe, quality = self.recipe, self.recipe.packing["quality"]
         if recipe.in_steps:
-            self.tell(f"{name}: steps", 0, 1, None)
+            self.progress(f"{name}: steps", 0, 1, None)
             return InSteps(trainable.tensors_of(scene), self.config, quality)
-        self.tell(f"{name}: codebooks", 0, 1, None)
+        self.progress(f"{name}: codebooks", 0, 1, None)
         weight = self.weights(scene, name)
         seen = directions_of(scene, spread(self.cameras, WEIGHED))
         return in_codebooks(scene, weight, seen, self.config, recipe.seed, quality)
 
     def fast_enough(self, scene: Scene, wanted: float) -> Steps:
-        """The scene pruned further until the machine makes so many frames a second of it."""
+        """Prune a scene further until the machine renders it at `wanted` frames per second."""
         cameras = spread(self.cameras, TIMED)
         while self.speed(pack(scene, self.config, **self.recipe.packing)[0], cameras) < wanted:
             scene = yield from self.pruned(scene, FASTER, FASTER_STEPS)
         return scene
 
     def keep_aside(self) -> tuple[Target, ...]:
-        """Views by which models are judged, some of those that are not learned from any more."""
+        """Hold out some of the targets: remove them from training, return them for evaluation."""
         aside = spread(self.targets[::ASIDE], ASIDE_MOST)
         self.targets = tuple(target for k, target in enumerate(self.targets) if k % ASIDE)
         if not self.targets:
-            raise InputError("one picture to learn from is too few: another is to be kept aside")
+            raise InputError("one picture is too few: another one has to be held out")
         self.cameras, self.weighed = [target.camera for target in self.targets], None
         return aside
 
     def within(self, scene: Scene, drop: float) -> Iterator[Step]:
-        """Prune as far as the views kept aside allow; then the most pruned scene whose packed
-        model loses at most the drop on them."""
+        """Prune as far as the held-out views allow, then pack the most pruned scene whose model
+        loses at most `drop` dB on them."""
         aside = self.keep_aside()
         best = decibels(scene, aside)
         levels = [(yield from self.before_pruning(scene))]
@@ -267,12 +271,12 @@ class Compression:
             found = decibels(model.gaussians(), aside)
             if found >= best - drop:
                 return
-        lost = f"{best - found:.2f} dB are lost without pruning"
+        lost = f"the model loses {best - found:.2f} dB even without pruning"
         raise InputError(f"--max-drop: {drop:g} dB cannot be kept: {lost}")
 
     def reaching(self, scene: Scene, wanted: float) -> Iterator[Step]:
-        """Models of as many Gaussians as the PSNR of the last one on the views kept aside lets
-        expect; ends with that of the fewest which has what is asked for."""
+        """Make models until one has `wanted` dB on the held-out views with few Gaussians; yield the
+        smallest one that has last. The PSNR of each gives the number of Gaussians of the next."""
         aside = self.keep_aside()
         start = yield from self.before_pruning(scene)
         count = round(len(start) * prod(1 - rate for rate in self.recipe.schedule))
@@ -285,8 +289,8 @@ class Compression:
             if found >= wanted:
                 enough, model_of_these = count, name
             elif count == len(start):
-                least = f"without pruning it is {found:.2f} dB"
-                raise InputError(f"--target-psnr: {wanted:g} dB: {least}")
+                fault = f"without pruning it is {found:.2f} dB"
+                raise InputError(f"--target-psnr: {wanted:g} dB: {fault}")
             else:
                 too_few = count
             expected = count * 2 ** ((wanted + CLOSE / 2 - found) / DOUBLED)

@@ -1,7 +1,7 @@
-"""From where views look at each Gaussian, and harmonics that are nearest as these views see them.
+"""Directions from which views look at each Gaussian, and the nearest harmonics as seen from there.
 
-A Gaussian's colour is c + G·d in the direction d. Slopes G that are a little off are, on the mean
-of its directions, made up for by c; what remains is what they are off about that mean.
+A Gaussian's colour is c + G·d in the direction d. The constant c compensates for an error of the
+slopes G at the mean direction; the error of G times the deviation from the mean remains.
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,22 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
 ELSEWHERE = 0.1
-"""Variance of directions along each axis beyond that of the views: others may look, too."""
+"""Variance that is added to the directions along each axis, because other views may follow."""
 
-BLOCK = 1 << 16  # Gaussians whose distances to all entries are in memory at once
+BLOCK = 1 << 16  # Gaussians whose distances to all entries are computed at once
 
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """Of the unit vectors from cameras to each Gaussian, weighted by Σ alpha·T in each view."""
+    """Mean and variance of the unit vectors from cameras to each Gaussian, weighted by its
+    Σ alpha·T in each view."""
 
-    mean: np.ndarray  # [N, 3]; 0 for what no view shows
-    variance: np.ndarray  # [N, 3, 3], with ELSEWHERE
+    mean: np.ndarray  # [N, 3]; 0 for Gaussians that no view shows
+    variance: np.ndarray  # [N, 3, 3], including ELSEWHERE
 
     def nearest(self, slopes: np.ndarray, entries: np.ndarray) -> np.ndarray:
-        """For slopes G [N, 9], row by row, the index [N] of that of `entries` [K, 9] whose colours
-        vary most alike: least Σ over the channels of (G − E)·variance·(G − E)."""
+        """Indices [N] of the entries E [K, 9] nearest to slopes G [N, 9] (row by row), by the sum
+        over the channels of (G − E)·variance·(G − E)."""
         rows = entries.reshape(-1, 3, 3)
         squares = np.einsum("kci,kcj->ijk", rows, rows).reshape(9, -1)
         found = np.empty(len(slopes), np.int64)
@@ -40,13 +41,13 @@ class Directions:
             found[some] = distance.argmin(axis=1)
         return found
 
-    def made_up(self, colours: np.ndarray, missing: np.ndarray) -> np.ndarray:
-        """Colours [N, 3] that make up on the mean for the slopes [N, 9] that are missing."""
+    def compensated(self, colours: np.ndarray, missing: np.ndarray) -> np.ndarray:
+        """Colours [N, 3] that compensate, at the mean direction, for missing slopes [N, 9]."""
         return colours + (missing.reshape(-1, 3, 3) @ self.mean[:, :, None])[:, :, 0]
 
 
 def directions_of(scene: Scene, cameras: Sequence[Camera]) -> Directions:
-    """The directions in which the cameras look at the scene's Gaussians."""
+    """The directions from which the cameras look at the scene's Gaussians."""
     tiny = float(np.finfo(np.float32).tiny)
     total = np.full(len(scene), tiny)
     mean, square = np.zeros((len(scene), 3)), np.zeros((len(scene), 3, 3))

@@ -1,4 +1,4 @@
-"""Distillation: fewer harmonics, taught by the scene that still has them."""
+"""Distillation: a scene with fewer harmonics learns from the scene that still has them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,7 @@ from splatcore.model.compress.recipe import Recipe
 from splatcore.model.compress.significance import view_weights
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.finetune import Tell, difference, optimise, views_in_turn
+from splatcore.model.gradients.finetune import Progress, difference, optimise, views_in_turn
 from splatcore.model.gradients.rendering_points import basis_of
 from splatcore.model.gradients.unfinished import Unfinished
 from splatcore.spec.camera import Camera
@@ -22,11 +22,11 @@ from splatcore.spec.scene import Scene, sh_count
 
 Views = Sequence[Camera]
 
-PERTURBED = 0.5  # share of the steps on views beside the training views
-MOVE = 0.1  # largest distance of these from their training view: share of the extent of the cameras
+PERTURBED = 0.5  # share of the steps on perturbed training views
+MOVE = 0.1  # largest distance of these from their training view, over the extent of the cameras
 TURN = np.radians(5.0)  # largest angle between the two, radians
-SHARE = 0.2  # of fine-tuning's learning rates: least squares leave less to mend than pruning does
-PULL = 0.1  # weight of the coefficients as they were in the least squares, over that of all cameras
+SHARE = 0.2  # of fine-tuning's learning rates: less has to be repaired here than after pruning
+PULL = 0.1  # weight of the old coefficients in the least squares, over the weight of all cameras
 
 
 def distill(
@@ -35,18 +35,18 @@ def distill(
     cameras: Views,
     extent: float,
     recipe: Recipe,
-    tell: Tell,
-    what: str,
+    progress: Progress,
+    phase: str,
     kept: Unfinished | None = None,
 ) -> tuple[trainable.Tensors, float | None]:
-    """The scene's parameters with harmonics up to `degree` only, and the loss of the last steps.
+    """Distil a scene to harmonics up to `degree`; return its tensors and the mean recent loss.
 
-    `extent` is that of the cameras, scene units. Learning rates are the recipe's share of REFINING;
-    `kept` is that of `optimise`.
+    extent: of the cameras, scene units
+    recipe: number of steps, learning rate (a share of REFINING) and seed
+    progress, phase, kept: as for `optimise`
 
-    It begins with the least squares of `projected`. Half of the steps are on the cameras, half on
-    views beside them; the scene's own picture, with all of its harmonics, is what the smaller one's
-    should be.
+    Starts from `projected`. Half of the steps are on the cameras, half on perturbed ones; the
+    target is the picture of the scene with all of its harmonics.
     """
     with torch.no_grad():
         teacher = [tensor.detach() for tensor in trainable.rendered(trainable.tensors_of(scene))]
@@ -67,17 +67,17 @@ def distill(
 
     adams = trainable.refining(student, SHARE * recipe.rate)
     left = recipe.learning.left
-    loss = optimise(adams, recipe.distill_steps, loss_of, tell, what, left, kept)
+    loss = optimise(adams, recipe.distill_steps, loss_of, progress, phase, left, kept)
     return student, loss
 
 
 def projected(scene: Scene, degree: int, cameras: Views) -> Scene:
-    """The scene with harmonics up to `degree` whose colours, as the cameras see each Gaussian, are
-    nearest to those it had.
+    """Fit harmonics up to `degree` to the colours of each Gaussian as the cameras see it.
 
-    Least squares for each Gaussian over the cameras, weighted by what it gives to their pictures.
-    Harmonics are orthogonal over all directions, so cutting them off is right only for what is seen
-    from everywhere; a few cameras leave much of a higher degree to the lower ones.
+    Least squares per Gaussian over the cameras, weighted by its contribution to their pictures.
+    Simply cutting off higher degrees would be right only for Gaussians seen from all directions,
+    over which harmonics are orthogonal; seen by few cameras, lower degrees can take over much of
+    the higher ones.
     """
     count = sh_count(degree)
     matrix, wanted = np.zeros((len(scene), count, count)), np.zeros((len(scene), count, 3))
@@ -114,5 +114,5 @@ def add_equations(position, sh, weight, centre, matrix, wanted):
 
 
 def degrees(scene: Scene, last: int) -> range:
-    """The degrees that are left one after the other until `last`."""
+    """The degrees to distil to, one after the other, down to `last`."""
     return range(scene.sh_degree - 1, last - 1, -1)

@@ -1,4 +1,4 @@
-"""How far scenes and models are from the pictures to be learned from, by some of these."""
+"""PSNR of scenes and models against some of the training pictures."""
 
 from collections.abc import Sequence
 
@@ -16,13 +16,13 @@ JUDGED = 6  # views by which models are compared
 
 
 def spread(views: Sequence, most: int) -> Sequence:
-    """At most so many of the views, evenly."""
+    """At most `most` of the views, picked evenly."""
     return views[:: -(-len(views) // most)]
 
 
 def best_looking(versions: Sequence, targets: Sequence[Target]):
-    """The scene or packed model that comes nearest to the targets, by some of them: what learns
-    from next to no loss can lose by it."""
+    """The scene or packed model with the highest PSNR on some of the targets: fine-tuning with
+    almost no loss can make a scene worse."""
     some = spread(targets, JUDGED)
     return max(versions, key=lambda version: decibels(version.gaussians(), some))
 

@@ -1,4 +1,4 @@
-"""Pruning: Gaussians that no view shows go, then pairs of neighbours are merged."""
+"""Pruning: remove Gaussians that no view shows, then merge pairs of neighbours."""
 
 from bisect import bisect_right
 from dataclasses import replace
@@ -15,31 +15,32 @@ from splatcore.spec.error import InputError
 from splatcore.spec.memory import ModelFormat
 from splatcore.spec.scene import ARRAYS, Scene
 
-NEIGHBOURS = 8  # nearest Gaussians among which a Gaussian may be merged with one
+NEIGHBOURS = 8  # a Gaussian may be merged with one of this many nearest Gaussians
 
 COLOUR = 3.0
-"""Cost of a squared difference of colours (0 … 1), over that of a squared distance in sizes."""
+"""Cost of a squared difference of colours (0 … 1), over the cost of a squared distance in sizes."""
 
 ALWAYS = 0.01
-"""Least cost of a merger, in squared distances: two of the same place and colour are not for
-nothing."""
+"""Minimum cost of a merger, in squared distances: merging equal Gaussians is not free either."""
 
-ROUND = 0.15  # share of the Gaussians that may go before all costs are taken anew
+ROUND = 0.15  # share of the Gaussians that is merged before all costs are recomputed
 
 
 def prune(scene: Scene, significance: np.ndarray, rate: float) -> Scene:
-    """The scene without the share `rate` of its Gaussians; the others keep their order.
+    """Reduce the number of Gaussians by the share `rate`; the others keep their order.
 
-    What no view shows (significance 0) goes first and leaves nothing. Then pairs of neighbours
-    become one (`merge`), the cheapest first: with significances v and w, a pair costs v·w/(v + w)
-    times the square of its distance in sizes plus that of its difference in colour. What hardly
-    matters is cheap, and so is what its neighbour can stand for.
+    significance: [N], see `model.compress.significance`
+
+    Gaussians that no view shows (significance 0) are removed first. Then pairs of neighbours are
+    merged (`merge`), the cheapest first: with significances v and w, a pair costs v·w/(v + w) times
+    its squared distance in sizes plus its weighted squared difference in colour. So pairs are cheap
+    if one of them hardly matters, or if its neighbour can replace it.
     """
     return merged(scene, significance, rate)[0]
 
 
 def merged(scene: Scene, significance: np.ndarray, rate: float) -> tuple[Scene, np.ndarray]:
-    """The scene of `prune`, and the significances [M] of what stays: sums of those merged."""
+    """The scene of `prune`, and the significances [M] of its Gaussians (sums, if merged)."""
     target = len(scene) - round(rate * len(scene))
     unseen = np.flatnonzero(significance <= 0)[: len(scene) - target]
     stays = np.ones(len(scene), bool)
@@ -59,7 +60,7 @@ def merged(scene: Scene, significance: np.ndarray, rate: float) -> tuple[Scene, 
 
 
 def cheapest_pairs(scene: Scene, weight: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most `most` disjoint pairs, cheapest first; of each the one that weighs more is first."""
+    """At most `most` disjoint pairs, cheapest first; in each, the heavier Gaussian comes first."""
     count = min(NEIGHBOURS, len(scene) - 1)
     search = NearestNeighbors(n_neighbors=count + 1).fit(scene.position)
     distance, near = (found[:, 1:] for found in search.kneighbors(scene.position))  # [N, count]
@@ -94,7 +95,7 @@ def disjoint(order, partner, most):
 
 
 def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
-    """The scene with Gaussians `index` exchanged for those of another."""
+    """The scene with Gaussians `index` replaced by the Gaussians of another."""
     arrays = {}
     for name in ARRAYS:
         arrays[name] = getattr(scene, name).copy()
@@ -103,12 +104,14 @@ def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
 
 
 def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Scene:
-    """One Gaussian for each of `count` groups; `group` [N] says which one a Gaussian belongs to.
+    """Merge each of `count` groups to one Gaussian with the group's weighted moments.
 
-    Each has its group's moments, weighted by `weight` [N] > 0. Its opacity times area (of the two
-    larger axes) is that of the first member, times what the group weighs more than that: with
-    significance as weight, it gives the views what they all gave. Opacities are those before any
-    compensation for the blur.
+    weight: [N] > 0
+    group: [N] group of each Gaussian
+
+    Opacity times area (of the two larger axes) is the first member's, scaled by the group's weight
+    over that member's: with significance as weight, the merged Gaussian contributes as much to the
+    views as the group did. Opacities are taken before compensation for the blur.
     """
     total = np.bincount(group, weight, count)
 
@@ -139,7 +142,10 @@ def area(scale: np.ndarray) -> np.ndarray:
 
 
 def sound(scene: Scene) -> Scene:
-    """The scene without what is not finite or can never reach alpha 1/255."""
+    """The scene without Gaussians that are not finite or can never reach alpha 1/255.
+
+    Raises InputError if none remains.
+    """
     with np.errstate(invalid="ignore"):
         finite, visible = keep(scene)
     kept = scene[finite & visible]
@@ -151,17 +157,20 @@ def sound(scene: Scene) -> Scene:
 
 
 def count_in(room: float, format: ModelFormat, beats: int = 0) -> int:
-    """Gaussians, with so many beats of harmonics each, of the largest packed model of at most
-    `room` bytes; 0 if there is none."""
+    """Number of Gaussians of the largest packed model of at most `room` bytes; 0 if none fits.
+
+    beats: beats of harmonics per Gaussian
+    """
     return bisect_right(
         range(1, int(room) + 1), room, key=lambda count: format.layout(count, beats * count).end
     )
 
 
 def scaled_schedule(schedule: tuple[float, ...], count: int, target: int) -> tuple[float, ...]:
-    """Rates in the proportions of `schedule` that leave `target` of `count` Gaussians.
+    """Pruning rates in the proportions of `schedule` that leave `target` of `count` Gaussians.
 
-    The logarithms of what each step leaves are scaled by one factor. Empty if nothing has to go.
+    The logarithm of each step's remaining share is scaled by one factor. Empty if nothing has to be
+    pruned.
     """
     if target >= count:
         return ()

@@ -1,8 +1,8 @@
-"""Quantisation: the packed model's numbers, and fine-tuning under them.
+"""Quantisation-aware fine-tuning: a scene is rendered with the packed model's number formats.
 
-Every step renders what the machine would read: opacity as rounded attenuation, L as rounded floats,
-positions on the chunks' grids, colours by codebooks (`codebooks.py`) or in steps (`steps.py`).
-Gradients pass the rounding unchanged (straight-through estimator; Bengio et al. 2013).
+Every step renders the numbers that the machine would read: opacity as rounded attenuation, L as
+rounded floats, positions on the chunks' grids, colours in codebooks (`codebooks.py`) or in steps
+(`steps.py`). Rounding passes gradients unchanged (straight-through estimator, Bengio et al. 2013).
 """
 
 from abc import ABC, abstractmethod
@@ -24,22 +24,22 @@ from splatcore.spec.scene import Scene
 from splatcore.spec.small import EXPONENT_LAST, LARGEST, UNIT
 
 REFRESH = 50
-"""Steps after which the chunks, their grids and L's unit are taken anew: they change little."""
+"""Steps between updates of the chunks, their grids and L's unit, which change slowly."""
 
 
 def straight(value: torch.Tensor, rounded: torch.Tensor) -> torch.Tensor:
-    """`rounded` forwards, the gradient of `value` backwards."""
+    """`rounded` in the forward pass, the gradient of `value` in the backward pass."""
     return value + (rounded - value).detach()
 
 
 def round_fixed(value: torch.Tensor, format: Fixed) -> torch.Tensor:
-    """`format.round` as an operation of torch."""
+    """`format.round` as a torch operation."""
     steps = torch.round(value / format.step) * format.step
     return straight(value, steps.clamp(format.min, format.max))
 
 
 def round_float(value: torch.Tensor, format: Float) -> torch.Tensor:
-    """`format.round` of finite values, subnormal ones included, as an operation of torch."""
+    """`format.round` of finite values, subnormal ones included, as a torch operation."""
     with torch.no_grad():
         _, exponent = torch.frexp(value)  # value = mantissa·2^exponent with ½ ≤ |mantissa| < 1
         smallest = torch.tensor(format.min_normal).frexp().exponent
@@ -51,7 +51,7 @@ def round_float(value: torch.Tensor, format: Float) -> torch.Tensor:
 
 
 def round_shared(lower: torch.Tensor) -> torch.Tensor:
-    """`spec.small.rounded_factor` as an operation of torch."""
+    """`spec.small.rounded_factor` as a torch operation."""
     with torch.no_grad():
         exponent = torch.frexp(lower.abs().amax((1, 2)) / (LARGEST + 0.5)).exponent
         step = torch.exp2(exponent.clamp(UNIT, EXPONENT_LAST + UNIT).to(lower))[:, None, None]
@@ -60,10 +60,10 @@ def round_shared(lower: torch.Tensor) -> torch.Tensor:
 
 
 def lower_factor(tensors: Tensors) -> torch.Tensor:
-    """L [N, 3, 3] of the Gaussians: row by row Gram–Schmidt on R·S.
+    """L [N, 3, 3] of the Gaussians, by Gram–Schmidt on the rows of R·S.
 
-    The last diagonal element is the product of the scales over those of the others: exact for
-    flakes, whose thickness a difference would lose.
+    The last diagonal element is the product of the scales divided by the other two elements: exact
+    for flakes, whose thickness would be lost in a difference.
     """
     scale = torch.exp(tensors["scales"])
     first, second, third = (rotation(tensors["quats"]) * scale[:, None]).unbind(1)
@@ -81,15 +81,15 @@ def lower_factor(tensors: Tensors) -> torch.Tensor:
 
 @dataclass(eq=False)
 class Quantised(ABC):
-    """A scene under the numbers of a machine's packed model, of a quality of `QUALITIES`."""
+    """A scene that is rendered with the number formats of a machine's packed model."""
 
     tensors: Tensors
     config: Config
-    quality: str
+    quality: str  # of `QUALITIES`
     format: ModelFormat = field(init=False)
     position_error: torch.Tensor = field(init=False)  # [N, 3] stored − optimised, scene units
     stored: torch.Tensor = field(init=False)  # [N] 1, and 0 for Gaussians that packing drops
-    unit: torch.Tensor = field(init=False)  # that of L, scene units
+    unit: torch.Tensor = field(init=False)  # unit of L, scene units
 
     def __post_init__(self):
         degree = isqrt(1 + self.tensors["shN"].shape[1]) - 1
@@ -98,7 +98,8 @@ class Quantised(ABC):
 
     @torch.no_grad()
     def refresh(self):
-        """Take the chunks, and what goes by chunk, and L's unit from the parameters as they are."""
+        """Recompute chunks, stored positions, L's unit and the colours' grids from the current
+        parameters."""
         scene, means = scene_of(self.tensors), self.tensors["means"].detach()
         stored = stored_scene(scene, self.format)
         position = scene.position.copy()
@@ -115,7 +116,7 @@ class Quantised(ABC):
         self.refresh_colours(scene, stored)
 
     def taken(self) -> list[torch.Tensor]:
-        """What `refresh` took: with the leaves all that decides on what is rendered."""
+        """The tensors that `refresh` computes; with the leaves they determine the picture."""
         return [self.position_error, self.stored, self.unit]
 
     def rendered(self, tensors: Tensors) -> tuple[torch.Tensor, ...]:
@@ -130,15 +131,15 @@ class Quantised(ABC):
         return position, factor, opacity, self.harmonics_of(tensors)
 
     def as_read(self, of: Scene | None = None) -> Scene:
-        """The scene as it is, with harmonics as the machine reads them; `of` is that of
-        `scene_of`."""
+        """The current scene, with harmonics as the machine reads them; `of`: as for `scene_of`."""
         with torch.no_grad():
             sh = self.harmonics_of(self.tensors)
         return scene_of(self.tensors | {"sh0": sh[:, :1], "shN": sh[:, 1:]}, of)
 
     @abstractmethod
     def refresh_colours(self, scene: Scene, stored: Stored):
-        """The same of the colours; `stored`: the scene's Gaussians as they are stored."""
+        """Recompute the colours' grids or entries; `stored`: the scene's Gaussians in stored
+        order."""
 
     @abstractmethod
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
@@ -146,15 +147,15 @@ class Quantised(ABC):
 
     @abstractmethod
     def leaves(self) -> tuple[Tensors, dict[str, float]]:
-        """Optimised tensors by name, and learning rates of those that `trainable` does not know."""
+        """Optimised tensors by name, and learning rates of tensors unknown to `trainable`."""
 
     @abstractmethod
     def packed(self, of: Scene | None = None) -> PackedModel:
-        """The packed model of the parameters as they are, with the mark of the scene `of`."""
+        """The packed model of the current parameters, with the mark of the scene `of`."""
 
 
 def stored_positions(chunks: Chunks) -> np.ndarray:
-    """Positions [N, 3] that a packed model has in these chunks, in stored order."""
+    """Positions [N, 3] of a packed model in these chunks, in stored order, scene units."""
     whole = offsets(chunks.stored, chunks.octant_end, chunks.bits)
     grid = grid_points(whole, chunks.origin, chunks.shift)
     return np.ldexp(grid.astype(np.float64), chunks.exponent)

@@ -1,4 +1,4 @@
-"""Significance of each Gaussian: its contribution to the views, times a term of its volume.
+"""Significance of each Gaussian: its contribution to the views, times a volume term.
 
 Source: Fan et al., "LightGaussian" (2024), section 3.2: the sum over views and pixels of
 opacity·T, and the volume normalised by the 90th percentile and damped by an exponent.
@@ -12,24 +12,28 @@ from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
-VOLUME_PERCENTILE = 90.0  # percentile of the volumes from which on a larger one counts no more
+VOLUME_PERCENTILE = 90.0  # percentile above which a larger volume counts no more
 VOLUME_POWER = 0.1  # exponent of the volume
 
 
 def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
-    """For each camera Σ over its pixels of alpha·T, [N]."""
+    """Yield, for each camera, Σ alpha·T over its pixels, [N]."""
     return blending_weights(scene.gaussians(), cameras)
 
 
 def significance(
-    scene: Scene, cameras: Sequence[Camera], tell: Callable[[int, int], None] | None = None
+    scene: Scene, cameras: Sequence[Camera], progress: Callable[[int, int], None] | None = None
 ) -> np.ndarray:
-    """[N]: Σ over views and pixels of alpha·T, times the volume term; 0 for what no view shows."""
+    """Significance [N]: Σ alpha·T over views and pixels, times the volume term.
+
+    progress: called with the number of finished cameras, and of all
+    Returns 0 for Gaussians that no view shows.
+    """
     total = np.zeros(len(scene))
     for number, weight in enumerate(view_weights(scene, cameras)):
         total += weight
-        if tell:
-            tell(number + 1, len(cameras))
+        if progress:
+            progress(number + 1, len(cameras))
     volume = scene.scale.prod(axis=1)
     large = np.percentile(volume, VOLUME_PERCENTILE) if len(volume) else 0.0
     if large > 0:

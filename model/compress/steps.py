@@ -1,5 +1,5 @@
-"""Colours in steps in fine-tuning: harmonics are optimised, each is rendered as the multiple of its
-chunk's and Gaussian's step that the model holds (`spec.colour`)."""
+"""Fine-tuning of colours in steps: each harmonic coefficient is rendered as the multiple of its
+step, chosen per chunk and Gaussian, that the model stores (`spec.colour`)."""
 
 from dataclasses import dataclass, field
 
@@ -19,15 +19,15 @@ from splatcore.spec.scene import Scene, sh_count
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Steps of all coefficients of a degree, and the codes that there are; float64 [N, 1, 1]."""
+    """Steps and range of codes for all coefficients of a degree; float64 [N, 1, 1]."""
 
-    size: torch.Tensor
-    least: torch.Tensor
-    most: torch.Tensor
-    half: torch.Tensor  # ½ where codes stand for k + ½ steps
+    size: torch.Tensor  # step
+    least: torch.Tensor  # smallest code
+    most: torch.Tensor  # largest code
+    half: torch.Tensor  # ½ where code k represents k + ½ steps
 
     def round(self, factors: torch.Tensor) -> torch.Tensor:
-        """Factors [N, k, 3] as the model holds them."""
+        """Factors [N, k, 3] rounded as the model stores them."""
         steps = factors / self.size
         codes = torch.where(self.half > 0, torch.floor(steps), torch.round(steps))
         return (codes.clamp(self.least, self.most) + self.half) * self.size
@@ -35,14 +35,14 @@ class Grid:
 
 @dataclass(eq=False)
 class InSteps(Quantised):
-    """A scene of any degree under the numbers of a model in steps."""
+    """A scene of any degree, rendered with the number formats of a model in steps."""
 
-    grids: list[Grid] = field(init=False, default_factory=list)  # of each degree
+    grids: list[Grid] = field(init=False, default_factory=list)  # one per degree
 
     def refresh_colours(self, scene: Scene, stored: Stored):
-        """Choose the steps as packing will: those of the scene at first, then those that hold
-        what is rendered. What learned is near the middle between two codes, and other steps would
-        round it elsewhere."""
+        """Choose the steps as packing will: at first for the scene, later for the rounded
+        coefficients. Learned coefficients are near the middle between two codes, and other steps
+        would round them differently."""
         factors = folded((self.as_read() if self.grids else scene).sh[stored.index])
         steps = quantise_steps(factors, layouts(factors, self.quality))
         device = self.tensors["means"].device
@@ -55,7 +55,7 @@ class InSteps(Quantised):
         return super().taken() + [each for grid in self.grids for each in vars(grid).values()]
 
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
-        """In float64, as packing rounds."""
+        """Harmonics rounded in float64, as packing does."""
         sh = torch.cat([tensors["sh0"], tensors["shN"]], dim=1)
         found = []
         for degree, grid in enumerate(self.grids):
@@ -73,8 +73,10 @@ class InSteps(Quantised):
 
 
 def grids(steps: Steps, degrees: int, stored: Stored, count: int) -> list[np.ndarray]:
-    """For each degree sizes, least and most codes and halves [4, N, 1, 1] of N = `count` Gaussians,
-    of which some are `stored` [M]; the others are 0."""
+    """The fields of `Grid`, [4, N, 1, 1], for each degree and N = `count` Gaussians.
+
+    Gaussians that are not in `stored` [M] have steps of 1 and code 0 only.
+    """
     of, own = np.arange(len(stored.index)) // CHUNK, ~stored.chunks.padding
     found = []
     for degree in range(degrees):

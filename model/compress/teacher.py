@@ -1,4 +1,4 @@
-"""Pictures that a scene without photographs learns from: its own."""
+"""Training pictures of a scene without photographs: its own."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ from splatcore.spec.scene import Scene
 Cameras = Sequence[Camera]
 
 REMEMBERED = 544
-"""Pictures of a scene that stay in memory: those of `compress`' 480 views, and those by which
-scenes are compared. Of more views they are rendered anew when they come again."""
+"""Pictures of a scene that stay in memory: `compress`' 480 views, and the views used to compare
+scenes. Pictures of further views are rendered again each time they are needed."""
 
-LEVEL = 1  # of zstd: a picture of 1920×1080 in 10 ms; 3 takes as many bytes
+LEVEL = 1  # of zstd: a picture of 1920×1080 takes 10 ms; level 3 saves no bytes
 
 
 @dataclass(frozen=True, eq=False)
 class OwnPicture:
-    """A camera and what the scene shows it: a `Target` whose image is rendered when it is read."""
+    """A `Target` whose image, the scene's own picture, is rendered when it is read."""
 
     camera: Camera
     see: Callable[[Camera], np.ndarray]
@@ -47,7 +47,11 @@ def teacher_targets(
     scene: Scene, count: int, size: tuple[int, int], seed: int, cameras: Cameras = (),
     beside: float = 0.0, near: float = NEAR_PLANE,
 ) -> tuple[OwnPicture, ...]:  # fmt: skip
-    """Pictures of `size` (width, height) from `count` views of `teacher_views`."""
+    """Training pictures of a scene.
+
+    size: width and height, pixels
+    count, seed, cameras, beside, near: as for `teacher_views`
+    """
     views = teacher_views(sound(scene).gaussians(), count, size, seed, cameras, beside, near)
     return pictures(scene, views)
 
@@ -71,16 +75,19 @@ def pictures(scene: Scene, cameras: Cameras) -> tuple[OwnPicture, ...]:
 
 
 def outside(data: bytes) -> mmap:
-    """The bytes outside of the heap, which cannot give back what was freed between pictures that
-    stay: without this flowers takes twice the memory."""
+    """Copy bytes out of the heap, which cannot return freed memory between blocks that stay:
+    without this the scene flowers takes twice the memory."""
     place = mmap(-1, len(data))
     place.write(data)
     return place
 
 
 def packed_picture(image: np.ndarray) -> bytes:
-    """A picture (uint8 [H, W, 3]) without loss, a smooth one in half its bytes or less: red and
-    blue less green, each pixel less the one on its left, each row less the one above, in zstd."""
+    """Compress a picture, uint8 [H, W, 3], without loss; a smooth one to half its bytes or less.
+
+    Stores differences: red and blue minus green, each pixel minus its left neighbour, each row
+    minus the row above; then zstd.
+    """
     planes = np.moveaxis(image, 2, 0).copy()
     planes[::2] -= planes[1]
     for axis in (2, 1):
@@ -89,7 +96,7 @@ def packed_picture(image: np.ndarray) -> bytes:
 
 
 def unpacked_picture(data: bytes | mmap, camera: Camera) -> np.ndarray:
-    """The picture of `packed_picture`, of the camera's size."""
+    """Decompress the data of `packed_picture`; the picture has the camera's size."""
     planes = np.frombuffer(zstandard.decompress(data), np.uint8)
     planes = planes.reshape(3, camera.height, camera.width)
     for axis in (1, 2):

@@ -1,7 +1,7 @@
-"""Training: a plain 3DGS scene from photographs and the points of structure from motion.
+"""Training of a plain 3DGS scene from photographs and structure-from-motion points.
 
-Source: Kerbl et al. 2023; the densification is gsplat's default strategy. The schedule is theirs,
-with its ends in proportion to the number of steps. The loss is L1 and structural similarity.
+Source: Kerbl et al. 2023; densification is gsplat's default strategy. The schedule is theirs, with
+its end points in proportion to the number of steps. The loss is L1 and structural similarity.
 """
 
 from collections.abc import Sequence
@@ -19,23 +19,23 @@ from splatcore.model.formats.file import input_error, reading
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.finetune import SMOOTHING, Tell, as_tensor, views_in_turn
+from splatcore.model.gradients.finetune import SMOOTHING, Progress, as_tensor, views_in_turn
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import COLOUR_OFFSET, SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
-OPACITY = 0.1  # of every Gaussian at the start
-NEIGHBOURS = 3  # points whose mean distance is a Gaussian's standard deviation at the start
+OPACITY = 0.1  # initial opacity of every Gaussian
+NEIGHBOURS = 3  # nearest points whose RMS distance is a Gaussian's initial standard deviation
 
 REFINE_START, REFINE_EVERY = 500, 100
 REFINE_STOP = 0.5
-"""Step from which on Gaussians are split, cloned and removed, how often, and the share of the steps
-after which they are not."""
+"""Densification (splitting, cloning and removing Gaussians): first step, interval in steps, and the
+share of all steps after which it stops."""
 
-DEGREE_STEPS = 1 / 30  # share of the steps after which the next degree of harmonics joins in
-DECAY = 0.01  # share of the positions' learning rate that is left in the end
-KEEP_EVERY = 500  # steps between two states that are kept
+DEGREE_STEPS = 1 / 30  # share of the steps after which the next degree of harmonics is added
+DECAY = 0.01  # final share of the positions' learning rate
+KEEP_EVERY = 500  # steps between saved states
 
 STATE = "training.pt"
 
@@ -44,17 +44,24 @@ TRAINED = "trained with antialiasing"
 
 SSIM_SHARE = 0.2  # of the loss on photographs; the rest is L1 (Kerbl et al. 2023).
 
-SIGMA, RADIUS = 1.5, 5
-C1, C2 = 0.01**2, 0.03**2  # of Wang et al. 2004, for values 0 … 1.
+SIGMA, RADIUS = 1.5, 5  # of the SSIM window, pixels
+C1, C2 = 0.01**2, 0.03**2  # constants of Wang et al. 2004, for values 0 … 1.
 
 WINDOW = np.exp(-(np.arange(-RADIUS, RADIUS + 1) ** 2) / (2 * SIGMA**2))
 WINDOW /= WINDOW.sum()
 
 
 def initial_scene(position: np.ndarray, colour: np.ndarray) -> Scene:
-    """Round Gaussians at points [N, 3] of colours [N, 3] (uint8), as large as their distances."""
+    """Round Gaussians at points, as large as the distances between neighbours.
+
+    position: [N, 3] scene units
+    colour: [N, 3] uint8
+    Raises InputError for too few points.
+    """
     if len(position) <= NEIGHBOURS:
-        raise InputError(f"{len(position)} points are too few to begin with")
+        raise InputError(
+            f"{len(position)} points are too few; at least {NEIGHBOURS + 1} are needed"
+        )
     near = NearestNeighbors(n_neighbors=NEIGHBOURS + 1).fit(position)
     distance = near.kneighbors(position)[0][:, 1:]
     scale = np.sqrt((distance**2).mean(axis=1)).clip(1e-6)
@@ -72,14 +79,17 @@ def train(
     steps: int,
     seed: int,
     folder: Path,
-    tell: Tell,
+    progress: Progress,
     antialiased: bool = False,
 ) -> Scene:
-    """A scene of SH degree 3 from photographs and points (positions [N, 3], colours [N, 3]).
+    """Train a scene of SH degree 3.
 
-    `antialiased`: opacities are compensated for the blur, and the scene is marked so. Its state is
-    kept in `folder` every 500 steps, from where another call goes on. InputError, saying at which
-    step, if the loss is NaN; the last state stays.
+    points: positions [N, 3] (scene units) and colours [N, 3] to start from
+    folder: the state is saved here every 500 steps; another call resumes from it
+    progress: see `Progress`
+    antialiased: compensate opacities for the blur, and mark the scene
+
+    Raises InputError naming the step if the loss becomes NaN; the last saved state is kept.
     """
     torch.manual_seed(seed)
     extent = trainable.extent_of([target.camera for target in photographs])
@@ -99,8 +109,8 @@ def train(
             kept = f"; the last state is in {path}" if path.exists() else ""
             raise InputError(f"training: the loss is {loss} at step {training.step + 1}{kept}")
         mean = loss if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * loss
-        what = f"training, {len(training.tensors['means'])} Gaussians"
-        tell(what, training.step, steps, mean)
+        phase = f"training, {len(training.tensors['means'])} Gaussians"
+        progress(phase, training.step, steps, mean)
         if training.step % KEEP_EVERY == 0:
             training.save(path)
     return sound(trainable.scene_of(training.tensors, start))
@@ -128,7 +138,8 @@ class Training:
         self.state = self.strategy.initialize_state(scene_scale=extent)
 
     def advance(self, target: Target) -> float:
-        """One step on a photograph; returns its loss and changes nothing if that is not finite."""
+        """Take one step on a photograph; return its loss. A loss that is not finite changes
+        nothing."""
         tensors = self.tensors
         centre = tensors["means"].new_zeros((1, len(tensors["means"]), 2), requires_grad=True)
         degree = min(int(self.step / max(DEGREE_STEPS * self.steps, 1)), SH_DEGREE_MAX)
@@ -161,7 +172,7 @@ class Training:
         return float(loss.detach())
 
     def save(self, path: Path):
-        """Keep everything from which training goes on."""
+        """Save the state from which training resumes."""
         part = path.with_suffix(".part")
         with reading(path, "cannot be written"):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -177,13 +188,16 @@ class Training:
             part.replace(path)
 
     def load(self, path: Path):
-        """Go on from what is kept there, if there is anything; InputError if it is another's."""
+        """Resume from a saved state if the file exists.
+
+        Raises InputError if it belongs to a different training run.
+        """
         if not path.exists():
             return
         with reading(path, "is not a state of training"):
             kept = torch.load(path, weights_only=True)
             if kept["key"] != self.key:
-                raise input_error(path, f"is of another training ({kept['key']})")
+                raise input_error(path, f"belongs to a different training run ({kept['key']})")
             for name, tensor in kept["tensors"].items():
                 self.tensors[name] = torch.nn.Parameter(tensor)
             self.optimizers = trainable.optimizers(self.tensors, self.extent)
@@ -200,7 +214,7 @@ def photograph_loss(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor
 
 
 def ssim(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-    """Mean structural similarity (Wang et al. 2004) of images [H, W, 3], zeros beyond the edge."""
+    """Mean structural similarity (Wang et al. 2004) of images [H, W, 3], padded with zeros."""
     a, b = (image.permute(2, 0, 1) for image in (first, second))
     means = blur(torch.cat([a, b, a * a, b * b, a * b]))
     mean_a, mean_b, square_a, square_b, product = means.split(3)
@@ -212,22 +226,22 @@ def ssim(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 
 
 def blur(planes: torch.Tensor) -> torch.Tensor:
-    """Planes [P, H, W] blurred by the window, zeros beyond the edge."""
+    """Blur planes [P, H, W] by WINDOW, padded with zeros."""
     if planes.is_cuda:
         return shifted(shifted(planes, 2), 1)
     return _Blur.apply(planes)
 
 
 def shifted(planes: torch.Tensor, along: int) -> torch.Tensor:
-    """Planes [P, H, W] blurred along one dimension as a sum of shifted planes. cuDNN's convolution
-    rounds to TF32 unless told otherwise, and variances are differences of what it rounds."""
+    """Blur planes [P, H, W] along one dimension, as a sum of shifted planes. cuDNN's convolution
+    rounds to TF32 by default, too coarse for the differences that variances are."""
     margin = [RADIUS if dim == along else 0 for dim in (2, 2, 1, 1)]
     padded, size = torch.nn.functional.pad(planes, margin), planes.shape[along]
     return sum(float(w) * padded.narrow(along, k, size) for k, w in enumerate(WINDOW))
 
 
 class _Blur(torch.autograd.Function):
-    """On a CPU torch's convolution of single channels takes a hundred times as long."""
+    """Blur on a CPU, a hundred times as fast as torch's convolution of single channels."""
 
     @staticmethod
     def forward(context, planes):
@@ -236,7 +250,7 @@ class _Blur(torch.autograd.Function):
 
     @staticmethod
     def backward(context, gradient):
-        """The window is symmetric: blurring is its own transpose."""
+        """Blur the gradient: the window is symmetric, so blurring is its own transpose."""
         gradient = np.ascontiguousarray(gradient.numpy())
         return torch.from_numpy(_blurred(gradient, WINDOW.astype(gradient.dtype)))
 

@@ -1,4 +1,4 @@
-"""Files in and out: scenes of every format, packed models, cameras, photographs with poses.
+"""File formats: scenes, packed models, cameras, photographs with poses.
 
 May import: spec.
 """

@@ -1,6 +1,6 @@
 """Camera files: cameras.json of the original 3DGS, transforms.json of NeRF tools, COLMAP folders.
 
-Each becomes `Camera`s, with OpenCV axes and the transform from world to camera.
+All are converted to `Camera`: OpenCV axes, transform from world to camera.
 """
 
 import json
@@ -25,19 +25,19 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 
 ORTHONORMAL_TOLERANCE = 1e-2
-"""Largest entry of R·Rᵀ − 1 at which a matrix of a file still counts as a rotation."""
+"""Largest entry of R·Rᵀ − 1 with which a matrix R of a file is accepted as a rotation."""
 
 DISTORTION = re.compile(
     r"(k|p|b|s|sx|sy|ftheta_p)\d+|k|omega|skew|(?i:\w*distortion\w*)"
     r"|latlong|equirectangular|orthographic"
 )
-"""Names in transforms.json of what makes a lens no pinhole, as nerfstudio, instant-NGP, COLMAP and
-OpenCV have them; all their values must be 0."""
+"""Names of lens distortion in transforms.json, as written by nerfstudio, instant-NGP, COLMAP and
+OpenCV; all their values must be 0."""
 
 CAMERAS, TRANSFORMS = "cameras.json", ("transforms.json", "transforms_train.json")
 
 Named = list[tuple[Camera, str]]
-"""Cameras, each with the file name of its image ("" if the file has none)."""
+"""Cameras, each with the file name of its image ("" if the file names none)."""
 
 
 Size = tuple[int, int]  # width, height in pixels
@@ -46,20 +46,23 @@ Size = tuple[int, int]  # width, height in pixels
 def read_cameras(
     path: str | os.PathLike, ids: list[str] | None = None, size: Size | None = None
 ) -> list[Camera]:
-    """All cameras of a file or folder, or those that IDs mean.
+    """Read all cameras of a file or folder, or some of them.
 
-    A cameras.json (or INRIA's folder around it), a transforms.json or COLMAP model, or a folder
-    with one of these. size: of pictures, for cameras that say neither theirs nor name a photograph
-    that does; cameras are not resized to it.
+    path: a cameras.json (or INRIA's folder around it), a transforms.json, a COLMAP model, or a
+        folder with one of these
+    ids: IDs of the cameras to return (default: all)
+    size: picture size of cameras that state none and name no readable photograph; other cameras
+        are not resized to it
     """
     named = read_named(path, size)
     return [camera for camera, _ in named] if ids is None else [_find(named, i, path) for i in ids]
 
 
 def read_camera(text: str, size: Size | None = None) -> Camera:
-    """The camera that "FILE" (its first) or "FILE:ID" means; size: as `read_cameras` has it.
+    """Read the camera "FILE:ID", or the first one of "FILE".
 
-    ID is a camera's name or its image's, with or without folder and extension.
+    ID: name of the camera or of its image, with or without folder and extension
+    size: as for `read_cameras`
     """
     path, camera_id = split_id(text)
     if not os.path.exists(path):
@@ -69,7 +72,7 @@ def read_camera(text: str, size: Size | None = None) -> Camera:
 
 
 def _find(named: Named, camera_id: str, path: str | os.PathLike) -> Camera:
-    """The camera that an ID means; InputError if there is none."""
+    """The camera with an ID, or InputError."""
     for camera, _ in named:
         if camera.name == camera_id:
             return camera
@@ -78,12 +81,14 @@ def _find(named: Named, camera_id: str, path: str | os.PathLike) -> Camera:
         if camera_id in (image, base, os.path.splitext(base)[0]):
             return camera
     some = ", ".join(camera.name for camera, _ in named[:5]) + (", …" if len(named) > 5 else "")
-    raise input_error(path, f"no camera {camera_id!r}; there are {len(named)}: {some}")
+    raise input_error(path, f"no camera {camera_id!r} among its {len(named)}: {some}")
 
 
 def split_id(text: str) -> tuple[str, str | None]:
-    """FILE and ID of "FILE:ID"; no ID of "FILE". A colon may also be part of FILE: the longest FILE
-    that exists is taken."""
+    """Split "FILE:ID" into FILE and ID; the ID of "FILE" is None.
+
+    FILE itself may contain colons: the longest FILE that exists is taken.
+    """
     path, camera_id = text, None
     while not os.path.exists(path) and ":" in path:
         path = path.rpartition(":")[0]
@@ -92,10 +97,11 @@ def split_id(text: str) -> tuple[str, str | None]:
 
 
 def camera_place(path: str | os.PathLike) -> Path:
-    """The file of cameras, or the folder of a COLMAP model, that a file or a folder means.
+    """Find the file of cameras, or the folder of a COLMAP model, at a path.
 
-    In a folder: INRIA's cameras.json beside a `point_cloud`, a COLMAP model, a transforms.json, any
-    other cameras.json. A COLMAP model goes before a transforms.json: its points are in its frame.
+    In a folder, the first one found of: INRIA's cameras.json next to a `point_cloud`, a COLMAP
+    model, a transforms.json, any other cameras.json. COLMAP comes before transforms.json because
+    its points are in the frame of its cameras.
     """
     if not os.path.isdir(path):
         return Path(path)
@@ -114,13 +120,13 @@ def camera_place(path: str | os.PathLike) -> Path:
 
 
 def size_file(path: str | os.PathLike) -> Path:
-    """The file that has the sizes of a file's or folder's cameras."""
+    """The file that states the picture sizes of the cameras at a path."""
     place = camera_place(path)
     return cameras_file(place) if place.is_dir() else place
 
 
 def read_named(path: str | os.PathLike, size: Size | None = None) -> Named:
-    """Cameras of any of the formats, each with its image's file name as the file has it."""
+    """Read cameras of any format, each with its image's file name as written in the file."""
     place = camera_place(path)
     if place.is_dir():
         return read_colmap(place)
@@ -137,19 +143,21 @@ def _camera(intrinsics: tuple, pose: np.ndarray, name: str, where: str) -> Camer
     with np.errstate(over="ignore", invalid="ignore"):
         error = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if not (error <= ORTHONORMAL_TOLERANCE and np.linalg.det(rotation) > 0):
-            raise input_error(where, "rotation is no rotation matrix")
+            raise input_error(where, "rotation is not a rotation matrix")
         translation = -rotation.T @ position
     try:
         return Camera(*intrinsics, rotation.T, translation, name)
     except InputError as error:
-        prefix = f"camera {name}: "  # once is enough
+        prefix = f"camera {name}: "  # not twice in a message
         known = f"{where}: ".endswith(f" {prefix}")
         raise input_error(where, str(error).removeprefix(prefix if known else "")) from error
 
 
 def _inria(value: list, path: Path) -> Named:
-    """cameras.json as the original 3DGS writes it (`camera_to_JSON`): `position` is the camera's
-    centre, `rotation` camera to world, both with OpenCV axes; cx and cy are an addition.
+    """Read a cameras.json of the original 3DGS (`camera_to_JSON`).
+
+    `position` is the camera's centre, `rotation` is camera to world, both with OpenCV axes; cx and
+    cy are our extension.
     """
     named = []
     for index, entry in enumerate(value):
@@ -171,8 +179,10 @@ def _inria(value: list, path: Path) -> Named:
 
 
 def _transforms(value: object, path: Path, size: Size | None) -> Named:
-    """transforms.json of instant-ngp and nerfstudio: `transform_matrix` is camera to world with
-    OpenGL axes (y up, z back); intrinsics in pixels stand in the file or in each frame.
+    """Read a transforms.json of instant-ngp or nerfstudio.
+
+    `transform_matrix` is camera to world with OpenGL axes (y up, z back); intrinsics, in pixels,
+    are given for the file or for each frame.
     """
     table = file.checked(value, dict, path)
     named = []
@@ -193,7 +203,7 @@ def _transforms(value: object, path: Path, size: Size | None) -> Named:
 
 
 def _check_undistorted(frame: dict, where: str) -> None:
-    """Refuses a lens that is not a pinhole."""
+    """Raise InputError for a lens that is not a pinhole."""
 
     def zero(value: object) -> bool:
         if isinstance(value, dict | list):
@@ -204,15 +214,15 @@ def _check_undistorted(frame: dict, where: str) -> None:
     if model and not LENSES.get(model):
         raise input_error(where, f"'camera_model' {model} is not supported")
     if not zero(frame.get("is_fisheye")):
-        raise input_error(where, "'is_fisheye' is set, fisheye lenses are not supported")
+        raise input_error(where, "'is_fisheye' is set; fisheye lenses are not supported")
     for name, value in frame.items():
         if DISTORTION.fullmatch(name) and not zero(value):
-            raise input_error(where, f"{name!r} is not 0, lens distortion is not supported")
+            raise input_error(where, f"{name!r} is not 0; undistort the photographs first")
 
 
 def _frame_size(frame: dict, folder: Path, size: Size | None, where: str) -> Size:
-    """Width and height that a frame says, else its photograph, else `size` if nothing in the frame
-    is in pixels of its own."""
+    """Width and height of a frame's picture: from the frame, else from its photograph, else `size`
+    if no value of the frame is in pixels."""
     if "w" in frame or "h" in frame:
         width, height = (file.field(frame, side, int, where) for side in ("w", "h"))
         return width, height
@@ -220,16 +230,16 @@ def _frame_size(frame: dict, folder: Path, size: Size | None, where: str) -> Siz
     if image and (found := photograph_size(photograph_file(folder, image))):
         return found
     if size is None:
-        why = "and its photograph cannot be read; the picture's size (--size) says it, too"
+        why = "and the photograph cannot be read; give the size by --size"
         raise input_error(where, f"'w' is missing, {why}")
     for name in ("fl_x", "fl_y", "cx", "cy"):
         if name in frame:
-            raise input_error(where, f"'w' is missing, {name!r} is in its pixels")
+            raise input_error(where, f"'w' is missing, but {name!r} is in pixels; add 'w' and 'h'")
     return size
 
 
 def _frame_intrinsics(frame: dict, width: int, height: int, where: str) -> tuple:
-    """(width, height, fx, fy, cx, cy); a focal length may be given by a field of view instead."""
+    """(width, height, fx, fy, cx, cy); fields of view may replace focal lengths."""
 
     def focal(name: str, angle_name: str, side: int) -> float | None:
         if name in frame:
@@ -251,7 +261,7 @@ def _frame_intrinsics(frame: dict, width: int, height: int, where: str) -> tuple
 
 
 def cameras_json(cameras: list[Camera]) -> str:
-    """The text of a cameras.json with these cameras; `read_cameras` reads it back."""
+    """The text of a cameras.json that `read_cameras` reads."""
     entries = []
     for camera in cameras:
         entry = {"id": camera.name, "img_name": camera.name}

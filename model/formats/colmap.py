@@ -1,7 +1,7 @@
 """Cameras and points of a COLMAP model: `cameras`, `images`, `points3D`, binary or text.
 
-Source: COLMAP documentation, "Output Format". COLMAP's axes and its pixel centres at half
-integers are those of `Camera`.
+Source: COLMAP documentation, "Output Format". `Camera` has the same axes and, like COLMAP, pixel
+centres at half integers.
 """
 
 import os
@@ -38,25 +38,26 @@ LENSES = {
     "EUCM": "fx fy cx cy alpha beta",
     "EQUIRECTANGULAR": "",
 }
-"""Camera models, by their numbers in a binary file → parameters of those that are pinholes if all
-coefficients of distortion are 0; "" for others."""
+"""Camera models, in the order of their numbers in a binary file → their parameters; "" for models
+that are not pinholes even with all distortion coefficients 0."""
 
 MODELS = tuple(LENSES)
 
-UNDISTORTED = ("f", "fx", "fy", "cx", "cy", "beta")  # beta only scales what alpha does
-"""Parameters that are no coefficients of distortion."""
+UNDISTORTED = ("f", "fx", "fy", "cx", "cy", "beta")  # beta only scales the effect of alpha
+"""Parameters that are not distortion coefficients."""
 
 FOLDERS = ("", "0", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "colmap")
-"""Places of a model in a folder; COLMAP's image_undistorter writes `sparse`, nerfstudio
+"""Subfolders that may hold a model; COLMAP's image_undistorter writes `sparse`, nerfstudio
 `colmap/sparse/0`."""
 
 POINTS = re.compile(r"(?:\s*[-+.\deEnaif]+\s+[-+.\deEnaif]+\s+-?\d+(?=\s|$))*\s*")
-"""A line of an image's points: x, y and a point's index for each, or nothing."""
+"""A line of an image's points: x, y and index of each point, or nothing."""
 
 POINT = struct.Struct("<Q3d3BdQ")
-"""A point: id, x, y, z, r, g, b, error, images that show it; 8 bytes for each of these follow."""
+"""A point: id, x, y, z, r, g, b, error, number of images that show it; SHOWN bytes per image
+follow."""
 
-SHOWN = 8  # bytes for each image that shows a point
+SHOWN = 8  # bytes per image that shows a point
 
 Points = tuple[np.ndarray, np.ndarray]
 """Positions [N, 3] (float64, scene units) and colours [N, 3] (uint8)."""
@@ -65,7 +66,7 @@ Lens = tuple[int, str, tuple[int, int], list[float]]  # id, model, width and hei
 
 
 def find_colmap(path: str | os.PathLike) -> Path | None:
-    """The folder of the model: the first of `FOLDERS` in `path` that has cameras, or None."""
+    """The folder of a model: the first of `FOLDERS` in `path` with a file of cameras, or None."""
     for folder in (Path(path, place) for place in FOLDERS):
         if any((folder / f"cameras{extension}").is_file() for extension in (".bin", ".txt")):
             return folder
@@ -73,21 +74,21 @@ def find_colmap(path: str | os.PathLike) -> Path | None:
 
 
 def colmap_folder(path: str | os.PathLike) -> Path:
-    """The same; InputError if there is none."""
+    """The folder of a model (see `find_colmap`); raises InputError if there is none."""
     if folder := find_colmap(path):
         return folder
     places = ", ".join(filter(None, FOLDERS))
-    raise input_error(path, f"no cameras.bin or cameras.txt in it or its {places}")
+    raise input_error(path, f"no cameras.bin or cameras.txt in it or in its folders {places}")
 
 
 def cameras_file(folder: Path) -> Path:
-    """The file of cameras in the folder of a model, binary if it has both."""
+    """The file of cameras in the folder of a model; the binary one if both exist."""
     binary = folder / "cameras.bin"
     return binary if binary.is_file() else folder / "cameras.txt"
 
 
 def read_colmap(path: str | os.PathLike) -> list[tuple[Camera, str]]:
-    """Each image's camera and file name, by ascending image id."""
+    """Read each image's camera and file name, by ascending image id."""
     cameras_path = cameras_file(colmap_folder(path))
     images_path = cameras_path.with_stem("images")
     read_lenses, read_images = _text_cameras, _text_images
@@ -112,7 +113,7 @@ def read_colmap(path: str | os.PathLike) -> list[tuple[Camera, str]]:
 
 
 def _camera(image: int, pose: tuple[float, ...], lens: Camera, where: str) -> Camera:
-    """A camera from the pose (qw, qx, qy, qz, tx, ty, tz), world to camera."""
+    """The camera of an image from its pose (qw, qx, qy, qz, tx, ty, tz), world to camera."""
     quaternion = np.array(pose[:4])
     with np.errstate(over="ignore", invalid="ignore"):
         norm = np.linalg.norm(quaternion)
@@ -126,10 +127,10 @@ def _camera(image: int, pose: tuple[float, ...], lens: Camera, where: str) -> Ca
 
 
 def _lens(model: str, size: tuple[int, int], numbers: list[float], where: str) -> Camera:
-    """A camera of these parameters, without a pose; InputError unless it is a pinhole."""
+    """A camera with these intrinsics, without a pose; raises InputError unless it is a pinhole."""
     names = LENSES.get(model, "").split()
     if not names:
-        raise input_error(where, f"model {model} is not supported, only pinholes are")
+        raise input_error(where, f"model {model} is not supported; only pinholes are")
     if len(numbers) != len(names):
         raise input_error(where, f"{model} has {len(numbers)} parameters, not {len(names)}")
     values = dict(zip(names, numbers, strict=True))
@@ -145,7 +146,7 @@ def _lens(model: str, size: tuple[int, int], numbers: list[float], where: str) -
 
 
 def _binary_cameras(path: Path) -> Iterator[Lens]:
-    """cameras.bin: count, then id, model, width, height, parameters of each camera."""
+    """Read cameras.bin: count, then id, model, width, height, parameters of each camera."""
     data = read_bytes(path)
     with reading(path, "is cut off"):
         (count,) = struct.unpack_from("<Q", data)
@@ -160,7 +161,8 @@ def _binary_cameras(path: Path) -> Iterator[Lens]:
 
 
 def _binary_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]]:
-    """images.bin: count, then id, pose, camera id, name, count of points and 24 bytes for each."""
+    """Read images.bin: count, then per image id, pose, camera id, name, count of points, and 24
+    bytes per point."""
     data = read_bytes(path)
     with reading(path, "is cut off"):
         (count,) = struct.unpack_from("<Q", data)
@@ -172,18 +174,18 @@ def _binary_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, st
             (points,) = struct.unpack_from("<Q", data, end + 1)
             offset = end + 9 + 24 * points
             if offset > len(data):
-                raise input_error(path, f"image {image}: {points} points in {len(data)} bytes")
+                raise input_error(path, f"image {image}: its {points} points exceed the file")
             yield image, tuple(pose), camera, name
 
 
 def text_lines(path: Path) -> list[str]:
-    """Lines of a text file, comments left out; empty lines stay: an image may have no points."""
+    """Lines of a text file without comments; empty lines stay, as an image may have no points."""
     text = read_bytes(path).decode("utf-8", "replace")
     return [line for line in text.split("\n") if not line.startswith("#")]
 
 
 def _text_cameras(path: Path) -> Iterator[Lens]:
-    """cameras.txt: id, model, width, height, parameters."""
+    """Read cameras.txt: id, model, width, height, parameters."""
     for words in filter(None, map(str.split, text_lines(path))):
         with reading(f"{path}: camera {words[0][:40]}", "line is malformed"):
             lens = int(words[0]), words[1][:40], (int(words[2]), int(words[3]))
@@ -192,7 +194,7 @@ def _text_cameras(path: Path) -> Iterator[Lens]:
 
 
 def _text_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]]:
-    """images.txt: a line of id, pose, camera id, name, then a line of points, for each image."""
+    """Read images.txt: per image a line of id, pose, camera id, name, and a line of points."""
     lines = iter(text_lines(path))
     for line in lines:
         words = line.split(maxsplit=9)
@@ -203,12 +205,15 @@ def _text_images(path: Path) -> Iterator[tuple[int, tuple[float, ...], int, str]
             pose = tuple(float(word) for word in words[1:8])
             image = int(words[0]), pose, int(words[8]), words[9].strip()
         if not POINTS.fullmatch(next(lines, "")):
-            raise input_error(where, "the next line is no list of points (x y index …, or empty)")
+            raise input_error(where, "next line is not a list of points (x y index …, or empty)")
         yield image
 
 
 def read_points(path: str | os.PathLike) -> Points:
-    """The points of a COLMAP folder (or the one above); InputError names the file and the point."""
+    """Read the points of a COLMAP model in a folder or one of its `FOLDERS`.
+
+    Raises InputError that names the file and the point.
+    """
     folder = colmap_folder(path)
     for name, reader in (("points3D.bin", _binary_points), ("points3D.txt", _text_points)):
         if (folder / name).is_file():
@@ -234,14 +239,14 @@ def _binary_points(path: Path) -> Points:
             _, x, y, z, red, green, blue, _, shown = POINT.unpack_from(data, offset)
             offset += POINT.size + SHOWN * shown
             if offset > len(data):
-                raise input_error(path, f"point {number}: {shown} images in {len(data)} bytes")
+                raise input_error(path, f"point {number}: its {shown} images exceed the file")
             position.append((x, y, z))
             colour.append((red, green, blue))
     return np.array(position).reshape(-1, 3), np.array(colour, np.uint8).reshape(-1, 3)
 
 
 def _text_points(path: Path) -> Points:
-    """Lines of id, x, y, z, r, g, b, error, images."""
+    """Read lines of id, x, y, z, r, g, b, error, images."""
     rows = []
     for number, words in enumerate(line.split() for line in text_lines(path)):
         if not words:
@@ -249,6 +254,6 @@ def _text_points(path: Path) -> Points:
         with reading(f"{path}: point {number}", "line is malformed"):
             rows.append([float(word) for word in words[1:7]])
             if len(rows[-1]) != 6 or not all(0 <= value <= 255 for value in rows[-1][3:]):
-                raise ValueError("not x, y, z and a colour")
+                raise ValueError("does not hold x, y, z and a colour")
     table = np.array(rows).reshape(-1, 6)
     return table[:, :3], table[:, 3:].astype(np.uint8)

@@ -1,6 +1,6 @@
 """A COLMAP model in binary: `cameras.bin`, `images.bin`, `points3D.bin`.
 
-Source: COLMAP documentation, "Output Format"; the layouts are those that `colmap` reads.
+Source: COLMAP documentation, "Output Format"; `colmap` reads the same layouts.
 """
 
 import struct
@@ -20,7 +20,7 @@ NOWHERE: Points = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
 """No points."""
 
 ERROR = 0.0
-"""Pixels from where an image shows a point to where the point lands: it is shown where it lands."""
+"""Reprojection error of every point, pixels: points in images are exact projections."""
 
 
 def write_colmap(
@@ -29,10 +29,13 @@ def write_colmap(
     points: Points = NOWHERE,
     shown: Sequence[np.ndarray] | None = None,
 ):
-    """Write cameras with the file names of their images, and points with the images they are in.
+    """Write a COLMAP model.
 
-    shown: for each image the indices of the points in it, which lie before its camera; None: an
-    image has no points. Images, points and distinct intrinsics are numbered from 1 in their order.
+    images: cameras with the file names of their images
+    shown: for each image, the indices of the points in it, all in front of its camera (default:
+        images have no points)
+
+    Images, points and distinct intrinsics are numbered from 1, in order.
     """
     shown = [np.zeros(0, int)] * len(images) if shown is None else shown
     intrinsics = {}
@@ -51,8 +54,8 @@ def write_colmap(
 
 
 def landing(camera: Camera, position: np.ndarray) -> np.ndarray:
-    """Where points [N, 3] land in COLMAP's pixels [N, 2], whose centres are at half integers; one
-    that is not before the camera lands anywhere."""
+    """Project points [N, 3] to COLMAP's pixel coordinates [N, 2], whose centres are at half
+    integers. The result is arbitrary for points that are not in front of the camera."""
     point = position @ camera.rotation.T + camera.translation
     with np.errstate(all="ignore"):
         return point[:, :2] / point[:, 2:] * (camera.fx, camera.fy) + [camera.cx, camera.cy]
@@ -63,17 +66,18 @@ def _intrinsics(camera: Camera) -> tuple[int, int, float, float, float, float]:
 
 
 def _camera(number: int, width: int, height: int, *parameters: float) -> bytes:
-    """Id, model, width, height, fx, fy, cx, cy."""
+    """A camera record: id, model, width, height, fx, fy, cx, cy."""
     return struct.pack("<IiQQ4d", number, MODELS.index(MODEL), width, height, *parameters)
 
 
 def _image(
     number: int, camera: Camera, intrinsics: int, name: str, position: np.ndarray, seen: np.ndarray
 ) -> bytes:
-    """Id, quaternion (w, x, y, z), translation, camera's id, name, and each point: x, y, its id.
+    """An image record: id, quaternion (w, x, y, z), translation, camera id, name, and per point
+    x, y, point id.
 
-    A matrix that is a rotation but for its last digits is stored as the nearest one; points land
-    where that one says.
+    A rotation matrix that is inexact in its last digits is stored as the nearest rotation, by which
+    points are projected.
     """
     from scipy.spatial.transform import Rotation  # takes half a second
 
@@ -87,7 +91,8 @@ def _image(
 
 
 def _points(points: Points, shown: Sequence[np.ndarray]) -> list[bytes]:
-    """Id, x, y, z, r, g, b, error, and the track: each image's id and the point's place in it."""
+    """Point records: id, x, y, z, r, g, b, error, and the track: id of each image that shows the
+    point, and the point's place in that image's list."""
     tracks = [[] for _ in points[0]]
     for number, seen in enumerate(shown, 1):
         for place, point in enumerate(seen):

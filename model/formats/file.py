@@ -1,4 +1,4 @@
-"""Shared by all readers of files from outside: opening, limits, checked JSON, a scene's arrays."""
+"""Common parts of all file readers: opening, limits, checked JSON, a scene's arrays."""
 
 import json
 import math
@@ -14,28 +14,28 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
 EXPANSION_MAX = 1032
-"""Decoded bytes per byte of a file that a reader accepts: the limit of deflate itself."""
+"""Largest accepted ratio of decoded bytes to bytes of a file: the limit of deflate itself."""
 
 
 def input_error(where: object, message: object) -> InputError:
-    """The exception to raise: one line `where: message`, whatever line breaks the parts hold."""
+    """An exception with the one-line message `where: message`; line breaks are replaced."""
     return InputError(" ".join(f"{where}: {message}".splitlines()))
 
 
 @contextmanager
-def reading(where: object, what: str = "cannot be read") -> Iterator[None]:
-    """Wraps calls of a library: whatever it raises on a bad file becomes an InputError."""
+def reading(where: object, fault: str = "cannot be read") -> Iterator[None]:
+    """Context for calls of a library: any exception that it raises becomes an InputError."""
     try:
         yield
     except InputError:
         raise
     except Exception as error:  # the library's own choice, MemoryError and RecursionError included
         reason = str(error)[:200] or type(error).__name__
-        raise input_error(where, f"{what} ({reason})") from error
+        raise input_error(where, f"{fault} ({reason})") from error
 
 
 def file_size(path: str | os.PathLike) -> int:
-    """Size in bytes of a regular, non-empty file; an InputError for anything else."""
+    """Size in bytes of a regular, non-empty file; raises InputError for anything else."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
@@ -50,40 +50,45 @@ def file_size(path: str | os.PathLike) -> int:
 
 
 def read_bytes(path: str | os.PathLike, count: int = -1) -> bytes:
-    """The first `count` bytes of a file, by default all of them."""
+    """Read the first `count` bytes of a file (default: all)."""
     file_size(path)
     with reading(path), open(path, "rb") as file:
         return file.read(count)
 
 
 def check_count(count: int, where: object) -> None:
-    """Refuses a scene without Gaussians."""
+    """Raise InputError for a scene without Gaussians."""
     if count < 1:
         raise input_error(where, f"holds {count} Gaussians")
 
 
 def check_expansion(size: int, stored: int, where: object) -> None:
-    """Refuses `size` decoded bytes that `stored` bytes of a file cannot hold."""
+    """Raise InputError if `stored` bytes of a file cannot decode to `size` bytes."""
     if size > EXPANSION_MAX * stored:
         raise input_error(where, f"claims {size} bytes of data, too many for {stored} bytes")
 
 
 def check_degree(degree: int, count: int, size: int, rest: int, where: object) -> None:
-    """Refuses `rest` bytes after the last Gaussian that are the SH of a degree above the one that
-    the file claims: `count` Gaussians, `size` bytes a coefficient. Other bytes may follow.
+    """Raise InputError if `rest` bytes after the last Gaussian are the SH of a higher degree.
+
+    degree: the degree that the file claims
+    count: number of Gaussians
+    size: bytes per coefficient
+
+    Other numbers of bytes are allowed.
     """
     for held in range(degree + 1, SH_DEGREE_MAX + 1):
         if rest == 3 * size * count * (sh_count(held) - sh_count(degree)):
-            raise input_error(where, f"claims SH degree {degree}, holds {held}")
+            raise input_error(where, f"claims SH degree {degree} but holds degree {held}")
 
 
 def surplus(count: int) -> tuple[str, ...]:
-    """A note on bytes of a file that belong to no Gaussian, if there are any."""
+    """A note on the `count` bytes of a file that belong to no Gaussian, if any."""
     return (f"{count} bytes belong to no Gaussian and are not read",) if count else ()
 
 
 def parse_json(data: bytes, where: object) -> object:
-    """The value of a JSON text; NaN and Infinity, which JSON does not have, are refused."""
+    """Parse a JSON text; NaN and Infinity, which are not JSON, raise InputError."""
 
     def refuse(constant: str):
         raise ValueError(f"{constant} is not JSON")
@@ -96,10 +101,10 @@ _KINDS = {dict: "an object", list: "a list", str: "a string", int: "an integer",
 
 
 def checked(value: object, kind: type, where: object) -> object:
-    """`value` if it is of `kind`: dict, list, str, int or float (finite).
+    """Return `value` if it has the type `kind`: dict, list, str, int or float (finite).
 
-    An integral float passes as int, an int as float; a boolean as neither. `where` starts the
-    message and names the value.
+    An integral float is accepted as int, an int as float, a boolean as neither. `where` names the
+    value at the start of the message of an InputError.
     """
     if kind in (int, float) and type(value) in (int, float):
         try:
@@ -116,7 +121,8 @@ def checked(value: object, kind: type, where: object) -> object:
 
 
 def field(table: dict, name: str, kind: type, where: object, default: object = None) -> object:
-    """`table[name]`, checked to be of `kind`; it may be missing if there is a default."""
+    """Return `table[name]`, checked to have the type `kind`; it may be missing if `default` is
+    given."""
     if name in table:
         return checked(table[name], kind, f"{where}: {name!r}")
     if default is None:
@@ -125,7 +131,8 @@ def field(table: dict, name: str, kind: type, where: object, default: object = N
 
 
 def array_field(table: dict, name: str, shape: tuple[int, ...], where: object) -> np.ndarray:
-    """`table[name]`, nested lists of finite numbers, as float64 of `shape`; () is a lone number."""
+    """Return `table[name]`, nested lists of finite numbers, as float64 of `shape`; () is a single
+    number."""
     value, where = field(table, name, object, where), f"{where}: {name!r}"
 
     def flat(item: object, sides: tuple[int, ...]) -> list[float]:
@@ -139,7 +146,7 @@ def array_field(table: dict, name: str, shape: tuple[int, ...], where: object) -
 
 
 def sigmoid(x: np.ndarray) -> np.ndarray:
-    """1/(1 + e^−x): a stored opacity to [0, 1]. NaN passes through."""
+    """1/(1 + e^−x), which converts stored opacities to 0 … 1. NaN stays NaN."""
     return 0.5 * (1 + np.tanh(0.5 * np.asarray(x, np.float64)))
 
 
@@ -150,9 +157,9 @@ def stored_scene(
     quaternion: np.ndarray,  # [N, 4]
     opacity: np.ndarray,  # [N]
     constant: np.ndarray,  # [N, 3] SH coefficients of degree 0
-    higher: np.ndarray | None = None,  # [N, 3 | 8 | 15, 3] and those above
+    higher: np.ndarray | None = None,  # [N, 3 | 8 | 15, 3] coefficients of higher degrees
 ) -> Scene:
-    """The scene of a file that stores logarithms of scales; its name is `path`."""
+    """Make the scene of a file that stores logarithms of scales; its name is `path`."""
     sh = np.asarray(constant, np.float64)[:, None, :]
     if higher is not None:
         sh = np.concatenate([sh, np.asarray(higher, np.float64)], axis=1)

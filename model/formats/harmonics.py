@@ -1,4 +1,4 @@
-"""The real spherical harmonics of 3DGS in numpy: values in directions, and matrices of turns."""
+"""The real spherical harmonics of 3DGS in numpy: their values, and their rotation matrices."""
 
 import numpy as np
 
@@ -7,9 +7,9 @@ from splatcore.spec.scene import sh_count
 
 
 def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
-    """Basis functions [D, (degree+1)²] in unit directions [D, 3], in the order and signs of 3DGS.
+    """Values [D, (degree+1)²] of the basis functions in unit directions [D, 3].
 
-    Source: the polynomials of `spec.colour`, times their constants.
+    Order and signs are those of 3DGS: the polynomials of `spec.colour`, times their constants.
     """
     x, y, z = np.asarray(direction, np.float64).T
     xx, yy, zz = x * x, y * y, z * z
@@ -27,7 +27,7 @@ def harmonics(direction: np.ndarray, degree: int) -> np.ndarray:
 
 
 def directions(count: int) -> np.ndarray:
-    """Unit vectors [count, 3], evenly over the sphere (a Fibonacci lattice)."""
+    """Unit vectors [count, 3], spread evenly over the sphere (a Fibonacci lattice)."""
     index = np.arange(count)
     z, turn = 1 - (2 * index + 1) / count, np.pi * (3 - np.sqrt(5)) * index
     radius = np.sqrt(1 - z * z)
@@ -35,11 +35,13 @@ def directions(count: int) -> np.ndarray:
 
 
 def turn_of(matrix: np.ndarray, degree: int) -> np.ndarray:
-    """The matrix T [K, K], K = (degree+1)², of a rotation or reflection M [3, 3] that maps axes to
-    axes: coefficients T·sh give in direction M·d the colour that sh give in d.
+    """The matrix T [K, K], K = (degree+1)², by which a rotation or reflection acts on coefficients.
 
-    T is orthogonal and block-diagonal by degree; each block is the least-squares solution of
-    Y(M·d) = T·Y(d). Entries 0, ±½ and ±1 are exact, others (√3/2, √15/4 …) within 1e-15.
+    matrix: M [3, 3], maps axes to axes
+
+    Coefficients T·sh give the same colour in direction M·d as sh in d. T is orthogonal and
+    block-diagonal by degree; each block is the least-squares solution of Y(M·d) = T·Y(d). Entries
+    0, ±½ and ±1 are exact, others (√3/2, √15/4 …) within 1e-15.
     """
     points = directions(64)
     here, there = harmonics(points, degree), harmonics(points @ matrix.T, degree)

@@ -1,4 +1,4 @@
-"""Files of packed models: coded (`spec.coded`), or the bytes of memory as they are."""
+"""Files of packed models: coded (`spec.coded`), or plain, the bytes of memory."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -18,11 +18,12 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.record import Record
 
 LEVEL = 16
-"""Of zstd: from here on it looks for the cheapest parse; beyond, time grows and size does not."""
+"""Compression level of zstd, the first with its optimal parser; higher levels take longer but save
+nothing."""
 
 
 def is_packed(path: str | os.PathLike) -> bool:
-    """True if the file begins as a packed model does, coded or not."""
+    """True if the file begins like a packed model, coded or plain."""
     try:
         with open(path, "rb") as found:
             return int.from_bytes(found.read(4), "little") in (memory.MAGIC, coded.MAGIC)
@@ -31,7 +32,7 @@ def is_packed(path: str | os.PathLike) -> bool:
 
 
 def read_model(path: str | os.PathLike) -> PackedModel:
-    """A packed model from a file, coded or not; InputError names the file and the field."""
+    """Read a packed model, coded or plain; raises InputError that names the file and the field."""
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
@@ -42,7 +43,8 @@ def read_model(path: str | os.PathLike) -> PackedModel:
 
 
 def file_bytes(model: PackedModel, plain: bool = False) -> bytes:
-    """A model's file: coded, where that is smaller; `plain`: the bytes of memory."""
+    """The content of a model's file: coded if that is smaller, or with `plain` the bytes of
+    memory."""
     memory_bytes = model.image.tobytes()
     if plain:
         return memory_bytes
@@ -54,7 +56,7 @@ def file_bytes(model: PackedModel, plain: bool = False) -> bytes:
 
 
 def zstd(data: bytes) -> bytes:
-    """A frame that tells its content's size."""
+    """Compress to a zstd frame that states the size of its content."""
     return zstandard.ZstdCompressor(level=LEVEL).compress(data)
 
 
@@ -64,8 +66,13 @@ def encode(
     differences: bool = True,
     repeats: bool = True,
 ) -> bytes:
-    """A model as a coded file. To see what each brings, without differences or copies of rows, or
-    with another compressor, whose files cannot be read."""
+    """Encode a model as a coded file.
+
+    The other parameters serve to measure the gain of each technique:
+    compress: compressor of a byte column; only zstd can be read back
+    differences: store differences between columns or rows
+    repeats: store repeated rows as references
+    """
     head = {"magic": coded.MAGIC, "version": coded.VERSION}
     parts = [_packed(FILE_HEADER, head), model.image[: HEADER.size].tobytes()]
     for table, rows in coded.rows_of(model):
@@ -82,14 +89,15 @@ def encode(
 
 
 def _packed(record: Record, values: dict[str, int]) -> bytes:
-    """One record of integers."""
+    """Bytes of one record of integers."""
     return record.pack({name: np.array([value]) for name, value in values.items()}).tobytes()
 
 
 def _column(
     columns: list[np.ndarray], number: int, width: int, compress, differences: bool
 ) -> Iterator[bytes]:
-    """A column's bytes: with the difference of the least entropy, unless there shall be none."""
+    """Yield the bytes of a column, coded with the difference of the lowest entropy (`differences`),
+    or without one."""
     if not len(columns[number]):
         return
     best = (np.inf, 0, 0, columns[number])
@@ -109,22 +117,22 @@ def _column(
 
 
 def _byte_columns(codes: np.ndarray, width: int) -> list[np.ndarray]:
-    """Each byte of codes [N], the lowest first."""
+    """The byte columns of codes [N], lowest byte first."""
     return [(codes >> codes.dtype.type(8 * k)).astype(np.uint8) for k in range(-(-width // 8))]
 
 
 def _entropy(part: np.ndarray) -> float:
-    """Bits of bytes [N] if each is coded by how frequent it is."""
+    """Size in bits of bytes [N] under ideal entropy coding."""
     count = np.bincount(part)
     count = count[count > 0]
     return float(-(count * np.log2(count / len(part))).sum())
 
 
 def decode(data: bytes, name: str) -> np.ndarray:
-    """The image of a coded file; InputError, naming file and field, for a broken one.
+    """Decode a coded file to the image in memory; raises InputError naming file and field.
 
-    Sizes are checked before memory is taken for them: with that of the file as a whole, then with
-    what the header says. What is left to find is found by the model's own checksum.
+    All sizes are checked before memory is allocated: against the size of the file, then against the
+    header. The model's own checksum finds other damage.
     """
     begin = FILE_HEADER.size + HEADER.size
     if len(data) < begin:
@@ -132,19 +140,19 @@ def decode(data: bytes, name: str) -> np.ndarray:
     array = np.frombuffer(data, np.uint8)
     head = FILE_HEADER.unpack(array[: FILE_HEADER.size].reshape(1, -1))
     if head["version"][0] != coded.VERSION:
-        raise input_error(name, f"version {head['version'][0]} of the file is not {coded.VERSION}")
+        raise input_error(name, f"file version {head['version'][0]} is not {coded.VERSION}")
     header = ModelHeader(array[FILE_HEADER.size : begin], name)
     end = header.value("end") * ALIGNMENT
     file.check_expansion(end, len(data), f"{name}: end")
     if header.layout_of(0).end > end:
-        raise input_error(name, f"count {len(header)} needs more than the {end} bytes of end")
+        raise input_error(name, f"count {len(header)} needs more bytes than end, {end}")
     reader = _Reader(data, begin, name)
     first = reader.rows(coded.chunk_table(header))
     harmonics = CHUNK_HEADER.unpack(first)["harmonics"]
     others = coded.tables(header, harmonics)
     beats = sum(table.count * len(table.records) for table in others if table.repeats)
     if header.layout_of(beats).end != end:
-        raise input_error(name, f"end {end} does not go with {beats} beats of harmonics")
+        raise input_error(name, f"end {end} does not match {beats} beats of harmonics")
     rows = [first, *(reader.rows(table) for table in others)]
     if reader.at != len(data):
         raise input_error(name, f"{len(data) - reader.at} bytes follow the last column")
@@ -152,20 +160,20 @@ def decode(data: bytes, name: str) -> np.ndarray:
 
 
 class _Reader:
-    """The tables of a coded file, one after the other."""
+    """Reads the tables of a coded file, one after the other."""
 
     def __init__(self, data: bytes, at: int, name: str):
         self.data, self.at, self.name = data, at, name
         self.decompressor = zstandard.ZstdDecompressor()
 
     def rows(self, table: Table) -> np.ndarray:
-        """The rows of the next table."""
+        """Read the rows of the next table."""
         count, place = table.count, None
         if table.repeats and count:
             distance = self.column([], DISTANCE.width, count, f"{table.name} distance")
             place = coded.places(distance)
             if place is None:
-                raise input_error(self.name, f"{table.name} distance: is beyond the first row")
+                raise input_error(self.name, f"{table.name} distance: points before the first row")
             count = int((distance == 0).sum())
         columns: list[np.ndarray] = []
         for number, width in enumerate(table.widths):
@@ -175,7 +183,7 @@ class _Reader:
         return rows if place is None else rows[place]
 
     def column(self, columns: list[np.ndarray], width: int, count: int, where: str) -> np.ndarray:
-        """The next column, behind those of its table."""
+        """Read the next column of a table, after `columns`."""
         dtype = code_dtype(width)
         codes = np.zeros(count, dtype)
         if not count:
@@ -183,20 +191,20 @@ class _Reader:
         about = DIFFERENCE.unpack(self.record(DIFFERENCE, where))
         back, previous = int(about["back"][0]), int(about["previous"][0])
         if back > len(columns) or (back and columns[-back].dtype != dtype):
-            raise input_error(self.name, f"{where}: has no column {back} before it")
+            raise input_error(self.name, f"{where}: refers to a wrong column, {back} before it")
         for k in range(-(-width // 8)):
             codes |= self.part(count, f"{where} byte {k}").astype(dtype) << dtype.type(8 * k)
         return coded.summed(codes, columns, width, back, previous)
 
     def record(self, record: Record, where: str) -> np.ndarray:
-        """The bytes of one record."""
+        """Read the bytes of one record."""
         return np.frombuffer(self.take(record.size, where), np.uint8).reshape(1, -1)
 
     def part(self, count: int, where: str) -> np.ndarray:
-        """The next zstd frame, of `count` bytes."""
+        """Decode the next zstd frame, which must hold `count` bytes."""
         size = int(SIZE.unpack(self.record(SIZE, where))["bytes"][0])
         frame = self.take(size, where)
-        with file.reading(f"{self.name}: {where}", "is no zstd frame"):
+        with file.reading(f"{self.name}: {where}", "is not a zstd frame"):
             found = zstandard.frame_content_size(frame)
             if found != count:
                 raise input_error(self.name, f"{where}: claims {found} bytes, not {count}")
@@ -204,9 +212,9 @@ class _Reader:
         return np.frombuffer(data, np.uint8)
 
     def take(self, size: int, where: str) -> bytes:
-        """The next bytes."""
+        """Read the next `size` bytes."""
         if size > len(self.data) - self.at:
             left = len(self.data) - self.at
-            raise input_error(self.name, f"{where}: {size} bytes are said to be there, {left} are")
+            raise input_error(self.name, f"{where}: needs {size} bytes, only {left} are left")
         self.at += size
         return self.data[self.at - size : self.at]

@@ -1,4 +1,4 @@
-"""Files of photographs: where the name in a camera file leads, and the size of the picture."""
+"""Files of photographs: finding them by the name in a camera file, and reading their size."""
 
 import os
 from collections.abc import Iterator
@@ -8,12 +8,14 @@ from pathlib import Path
 from PIL import Image
 
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".PNG")
-"""Extensions that a file name in a transforms.json may lack."""
+"""Extensions that may be missing from a file name in a transforms.json."""
 
 
 def photograph_file(folder: Path, name: str) -> Path:
-    """The photograph that a camera file names, with an extension if the name lacks it; a backslash
-    is a slash where no file has such a name. `folder`/`name` if there is no file."""
+    """Find the photograph that a camera file names; `folder`/`name` if no file exists.
+
+    Also tries missing extensions, and slashes instead of backslashes.
+    """
     for text in (name, name.replace("\\", "/")):
         for extension in EXTENSIONS:
             if os.path.isfile(path := folder / (text + extension)):
@@ -23,7 +25,7 @@ def photograph_file(folder: Path, name: str) -> Path:
 
 @contextmanager
 def opened_photograph(path: Path) -> Iterator[Image.Image]:
-    """A photograph of any size, not yet decoded; the library's own limit does not count."""
+    """Open a photograph without decoding it; lifts PIL's size limit meanwhile."""
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path) as image:

@@ -1,4 +1,4 @@
-"""Photographs with the cameras that took them, to train a scene on or to fine-tune it to."""
+"""Photographs with their cameras, for training and fine-tuning."""
 
 import os
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from splatcore.model.formats.photograph_file import opened_photograph, photograp
 from splatcore.spec.camera import Camera
 
 ASPECT_TOLERANCE = 1.0
-"""Pixels by which a photograph's height may differ from what its camera's aspect ratio says."""
+"""Largest difference, in pixels, of a photograph's height from its camera's aspect ratio."""
 
 UNKNOWN = (1, 1)
-"""Stands for the size of a camera that only a missing photograph would say."""
+"""Size of a camera whose size would only be known from a missing photograph."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A camera and the picture that it should see."""
+    """A camera and the picture to be reproduced from it."""
 
     camera: Camera
     image: np.ndarray  # uint8 [H, W, 3], of the camera's size
@@ -31,22 +31,25 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Photographs:
-    """The readable photographs of a folder; `notes` are lines for the user."""
+    """The photographs of a folder."""
 
     targets: tuple[Target, ...]  # by file name
-    missing: tuple[str, ...]  # paths of those that cameras name and that cannot be read
-    notes: tuple[str, ...]
+    missing: tuple[str, ...]  # paths of photographs that cameras name but that cannot be read
+    notes: tuple[str, ...]  # lines for the user
 
 
 def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs:
-    """Photographs of a COLMAP folder (in `images` beside or above the model) or a transforms.json.
+    """Read the photographs of a COLMAP model or a transforms.json.
 
-    `scale` (0 … 1) shrinks photograph and camera together. A photograph may have any size. One that
-    is larger or smaller than its camera says gets a camera of its size, if the aspect ratio is the
-    same; else InputError names it and both sizes. One that is not there is counted in `missing`;
-    InputError if none is there. One that two cameras name counts for the first of them. Pixels are
-    taken as they are stored, whatever the EXIF orientation says, as COLMAP does; what is
-    transparent is shown over black.
+    path: folder or file; COLMAP's photographs are in `images` next to or above the model
+    scale: 0 … 1, shrinks photographs and cameras together
+
+    If a photograph's size differs from its camera's, the camera is resized. A photograph named by
+    two cameras belongs to the first. Pixels are used as stored, without EXIF rotation, as in
+    COLMAP; transparent pixels are blended over black.
+
+    Raises InputError if no photograph can be read, or if one has another aspect ratio than its
+    camera.
     """
     if not 0 < scale <= 1:
         raise input_error("scale", f"{scale:g} is not in 0 … 1")
@@ -56,7 +59,7 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
     named = reversed(read_named(place, UNKNOWN))
     files = {photograph_file(folder, name): (name, camera) for camera, name in named}
     if folder in files:
-        raise input_error(place, "a camera has no photograph's name")
+        raise input_error(place, "a camera names no photograph")
     for file, (name, camera) in sorted(files.items(), key=lambda item: item[1][0]):
         try:
             with opened_photograph(file) as image:
@@ -75,14 +78,14 @@ def read_photographs(path: str | os.PathLike, scale: float = 1.0) -> Photographs
         some = ", ".join(missing[:3]) + (", …" if len(missing) > 3 else "")
         notes.append(f"{len(missing)} photographs are missing or broken and left out: {some}")
     if resized:
-        notes.append(f"{resized} photographs are of another size than their cameras say")
+        notes.append(f"{resized} photographs have another size than their cameras say")
     return Photographs(tuple(targets), tuple(missing), tuple(notes))
 
 
 def held_out(
     targets: Sequence[Target], every: int = 7
 ) -> tuple[tuple[Target, ...], tuple[Target, ...]]:
-    """Targets to learn from, and every `every`-th one, beginning with the first, to judge by."""
+    """Split targets: those for training, and every `every`-th, from the first, for evaluation."""
     if every < 1:
         raise input_error("every", f"{every} is below 1")
     kept = tuple(target for number, target in enumerate(targets) if number % every)
@@ -90,17 +93,17 @@ def held_out(
 
 
 def _image_folder(place: Path) -> Path:
-    """The folder at which the file names of the cameras begin."""
+    """The folder to which the cameras' file names are relative."""
     if not place.is_dir():
         return place.parent
     for folder in (place, *place.absolute().parents[:3]):
         if (folder / "images").is_dir():
             return folder / "images"
-    raise input_error(place, "there is no folder `images` beside or above this COLMAP model")
+    raise input_error(place, "no folder `images` next to or above this COLMAP model")
 
 
 def _over_black(image: Image.Image) -> Image.Image:
-    """RGB; what is transparent shows black, and 16 bits of grey become 8."""
+    """Convert to 8-bit RGB; transparent pixels are blended over black."""
     if image.mode.startswith("I;16"):
         image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
@@ -111,14 +114,14 @@ def _over_black(image: Image.Image) -> Image.Image:
 
 
 def _target(camera: Camera, picture: Image.Image, file: Path, scale: float) -> Target:
-    """The photograph, and a camera of its size, at `scale`; InputError if that is another view.
+    """Scale a photograph and its camera; raises InputError if their aspect ratios differ.
 
-    Each pixel is the mean of those it covers, as a sensor's would be.
+    Each pixel is the mean of the pixels that it covers, as on a coarser sensor.
     """
     width, height = picture.size
     if abs(height - camera.height * width / camera.width) > ASPECT_TOLERANCE:
-        sizes = f"{width}x{height} and its camera {camera.width}x{camera.height}"
-        raise input_error(file, f"is {sizes}: not the same view")
+        sizes = f"{width}x{height}, but its camera {camera.width}x{camera.height}"
+        raise input_error(file, f"is {sizes}: the aspect ratios differ")
     if picture.size != (camera.width, camera.height):
         with reading(file):
             camera = camera.resized(width, height)

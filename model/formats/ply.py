@@ -18,12 +18,12 @@ from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
 
 SCALE_MIN = float(np.finfo(np.float32).tiny)
-"""Scales below are written as this: its logarithm is finite."""
+"""Smallest scale that is written, so that its logarithm is finite."""
 
 OPACITY_MARGIN = 2.0**-24
-"""Opacities are written at least this far from 0 and 1: the logit is finite."""
+"""Smallest distance of a written opacity from 0 and 1, so that its logit is finite."""
 
-GAUSSIANS = ("vertex", "chunk", "sh")  # elements that a scene is read from
+GAUSSIANS = ("vertex", "chunk", "sh")  # elements from which a scene is read
 
 CHUNK = 256  # Gaussians that share bounds in a compressed PLY
 
@@ -32,8 +32,8 @@ REST_DEGREE = {3 * (sh_count(degree) - 1): degree for degree in range(4)}
 
 SH_VALUE = (np.arange(256) + 0.5) / 32 - 4
 SH_VALUE[[0, 255]] = -4, 4
-"""SH coefficient of each byte of a compressed PLY: the middle of its step of 1/32 in ± 4, but the
-outermost bytes, to which a writer clamps, stand for the ends (splat-transform `decompressPly`).
+"""SH coefficient of each byte value of a compressed PLY: the middle of its step of 1/32 in ± 4. The
+outermost values, to which writers clamp, are ± 4 (splat-transform `decompressPly`).
 """
 
 _BOUNDS = [
@@ -49,15 +49,15 @@ _PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
 def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes are those of a PLY."""
+    """True if a file's first four bytes mark a PLY."""
     return start in (b"ply\n", b"ply\r")
 
 
 def read(path: str | os.PathLike) -> Scene:
-    """The scene of a PLY file: binary of either byte order or ASCII, plain or compressed.
+    """Read the scene of a PLY file: binary of either byte order or ASCII, plain or compressed.
 
-    Names of properties may be in upper case. Lists are skipped, but refused in the elements of
-    Gaussians.
+    Names of properties may be in upper case. Elements with lists are skipped, unless they hold the
+    Gaussians: then InputError is raised.
     """
     ply = ply_file.read(path)
     for name in GAUSSIANS:
@@ -76,7 +76,7 @@ def read(path: str | os.PathLike) -> Scene:
 
 
 def _lower_case(table: np.ndarray) -> np.ndarray:
-    """The same table with names in lower case, unless two of them become alike."""
+    """The table with its names in lower case, unless two of them would become equal."""
     names = [name.lower() for name in table.dtype.names]
     if names == list(table.dtype.names) or len(set(names)) < len(names):
         return table
@@ -86,12 +86,15 @@ def _lower_case(table: np.ndarray) -> np.ndarray:
 
 
 def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, ...]:
-    """A note on rows or bytes behind the last element; InputError for those of a higher degree, and
-    for rows that other elements follow: all of these are read at wrong places."""
+    """A note on rows or bytes after the last element.
+
+    Raises InputError if the surplus shows that elements were read at wrong places: if it is the SH
+    of a higher degree, or if other elements come after the Gaussians.
+    """
     vertex, last = ply.tables["vertex"], [*ply.tables][-1]
     row = 1 if ply.text else vertex.dtype.itemsize
     if not ply.text:
-        size = 1 if "chunk" in ply.tables else 4  # as all known writers have it
+        size = 1 if "chunk" in ply.tables else 4  # as in files of all known writers
         file.check_degree(scene.sh_degree, len(scene), size, ply.rest, path)
     if ply.rest < row:
         return file.surplus(ply.rest)
@@ -102,7 +105,7 @@ def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, 
 
 
 def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:
-    """Named properties of a structured array [N] as float64 [N, len(names)]."""
+    """Properties of a structured array [N] by name, as float64 [N, len(names)]."""
     for name in names:
         if name not in table.dtype.names:
             raise input_error(where, f"property {name!r} is missing")
@@ -110,7 +113,7 @@ def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:
 
 
 def _rest_names(table: np.ndarray, where: object) -> list[str]:
-    """The names f_rest_0 … of a structured array, as many as it has, in numeric order."""
+    """The names f_rest_0 … that a structured array has, in numeric order."""
     count = sum(name.startswith("f_rest_") for name in table.dtype.names)
     if count not in REST_DEGREE:
         raise input_error(where, f"{count} properties 'f_rest_*', not 0, 9, 24 or 45")
@@ -118,7 +121,8 @@ def _rest_names(table: np.ndarray, where: object) -> list[str]:
 
 
 def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
-    """The scene of an uncompressed `vertex` element: logarithms of scales, logits of opacities."""
+    """The scene of an uncompressed `vertex` element, with logarithms of scales and logits of
+    opacities."""
     names = vertex.dtype.names
     coloured = set(_RGB) <= set(names) and "f_dc_0" not in names
     rest = [] if coloured else _rest_names(vertex, path)
@@ -140,20 +144,20 @@ def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
 
 
 def _colours(vertex: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Colours [N, 3], 1 for white, of red, green, blue: integers up to their type's largest, or
-    floats, which are colours already."""
+    """Colours [N, 3], 1 for white, from values of red, green, blue: integers up to the largest of
+    their type, or floats, which are returned unchanged."""
     whole = [np.iinfo(t).max if (t := vertex.dtype[n]).kind in "iu" else 1 for n in _RGB]
     return values / np.array(whole, np.float64)
 
 
 def _channel_last(rest: np.ndarray) -> np.ndarray:
-    """Coefficients [N, 3·K], stored as f_rest_[channel·K + coefficient], as [N, K, 3]."""
+    """Convert coefficients [N, 3·K], stored as f_rest_[channel·K + coefficient], to [N, K, 3]."""
     return rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)
 
 
 def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Scene:
-    """The scene of a compressed PLY: its elements, checked, are rewritten in the one layout that
-    gsply decodes without checks of its own.
+    """The scene of a compressed PLY. Its elements are checked and rewritten in the one layout that
+    gsply decodes, because gsply checks nothing.
     """
     chunk, vertex = elements["chunk"], elements["vertex"]
     chunks = -(-len(vertex) // CHUNK)
@@ -169,7 +173,9 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
     higher = None
     if "sh" in elements:
         if len(elements["sh"]) != len(vertex):
-            raise input_error(path, f"element 'sh' has {len(elements['sh'])} rows")
+            raise input_error(
+                path, f"element 'sh' has {len(elements['sh'])} rows, not {len(vertex)}"
+            )
         names = _rest_names(elements["sh"], path)
         sh = _integers(elements["sh"], names, np.uint8, path)
         higher = _channel_last(SH_VALUE[sh])
@@ -184,7 +190,7 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
 
 
 def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:
-    """Named properties of a structured array [N], all of the type `kind`, as [N, len(names)]."""
+    """Properties of a structured array [N] by name, all of type `kind`, as [N, len(names)]."""
     _columns(table[:0], names, where)
     for name in names:
         if table.dtype[name].newbyteorder("=") != np.dtype(kind):
@@ -203,8 +209,10 @@ def _layout(bounds: np.ndarray, packed: np.ndarray) -> bytes:
 
 
 def write_ply(path: str | os.PathLike, scene: Scene) -> None:
-    """Writes the original layout of 3DGS: binary, little-endian, float32, normals of zero; the
-    comment `ply_marks.COMMENT` if the scene is antialiased."""
+    """Write a scene in the original layout of 3DGS: binary, little-endian, float32, zero normals.
+
+    An antialiased scene gets the comment `ply_marks.COMMENT`.
+    """
     opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
     with np.errstate(divide="ignore"):
         log_scale = np.log(np.maximum(scene.scale, SCALE_MIN))

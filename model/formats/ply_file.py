@@ -1,6 +1,6 @@
 """The container of PLY files: header, comments, and elements as tables, ASCII or binary.
 
-Elements with lists (faces, for one) are skipped; comments may hold any bytes.
+Elements with lists (such as faces) are skipped; comments may hold any bytes.
 Source: Greg Turk, "The PLY Polygon File Format" (1994).
 """
 
@@ -18,25 +18,26 @@ from splatcore.model.formats.file import file_size, input_error
 HEADER_MAX = 1 << 16  # bytes within which a header must end
 
 FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-"""Format of a header → byte order."""
+"""Format in a header → byte order of numpy."""
 
 _OLD = "char uchar short ushort int uint float double"
 _NEW = "int8 uint8 int16 uint16 int32 uint32 float32 float64"
 TYPES = dict(zip(f"{_OLD} {_NEW}".split(), "i1 u1 i2 u2 i4 u4 f4 f8".split() * 2, strict=True))
-"""Type of a property → numpy's, without byte order."""
+"""Type of a property → numpy's type, without byte order."""
 
 LIST_COUNTS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
-"""Types of a list's count as `struct` has them."""
+"""Type of a list's count → format character of `struct`."""
 
-COUNT = "number of "  # begins a field's name; no property's, as that is a word
+COUNT = "number of "  # prefix of the field of a list's count; property names have no blanks
 
 
 @dataclass
 class Element:
-    """An element of a header. properties: name → type, or the types of a list's count and items."""
+    """An element of a header."""
 
     name: str
     count: int
+    # Name → type, or the types of a list's count and items.
     properties: dict[str, str | tuple[str, str]] = field(default_factory=dict)
 
     @property
@@ -44,7 +45,7 @@ class Element:
         return any(isinstance(kind, tuple) for kind in self.properties.values())
 
     def row(self, order: str, lengths: Iterable[int] = ()) -> np.dtype:
-        """A row's type, whose lists have these lengths."""
+        """The type of a row; `lengths`: of its lists."""
         lengths, fields = iter(lengths), []
         for name, kind in self.properties.items():
             if isinstance(kind, tuple):
@@ -57,26 +58,25 @@ class Element:
 
 @dataclass(frozen=True)
 class PlyFile:
-    """A file's content. tables: element → structured array, of elements without lists; skipped:
-    names of the others that have rows; rest: bytes after the last row, or lines of ASCII."""
+    """A file's content."""
 
-    tables: dict[str, np.ndarray]
-    skipped: list[str]
+    tables: dict[str, np.ndarray]  # element without lists → structured array
+    skipped: list[str]  # names of elements with lists that have rows
     comments: list[str]
-    text: bool
-    rest: int
+    text: bool  # ASCII
+    rest: int  # bytes after the last row, or lines if ASCII
 
 
 def read(path: str | os.PathLike) -> PlyFile:
-    """The content of a PLY file; InputError names the part that is wrong."""
+    """Read the content of a PLY file; raises InputError that names the faulty part."""
     size = file_size(path)
     header, start = _header(path)
     form, elements, comments = _parsed(header, path)
     for element in elements:
         smallest = max(len(element.properties) * (2 if form == "ascii" else 1), 1)
         if not element.properties or not 0 <= element.count * smallest <= size + 1:
-            what = f"{element.count} × {len(element.properties)} values in {size} bytes"
-            raise input_error(path, f"element {element.name!r}: {what}")
+            claim = f"{element.count} × {len(element.properties)} values do not fit in {size} bytes"
+            raise input_error(path, f"element {element.name!r}: {claim}")
     rows = _text_rows if form == "ascii" else _binary_rows
     tables, rest = rows(path, start, elements, FORMATS[form])
     skipped = [each.name for each in elements if each.lists and each.count]
@@ -84,11 +84,11 @@ def read(path: str | os.PathLike) -> PlyFile:
 
 
 def _header(path: str | os.PathLike) -> tuple[list[str], int]:
-    """Lines of the header, Latin-1 characters for bytes, and its size in bytes."""
+    """Lines of the header, decoded as Latin-1, and its size in bytes."""
     text = file.read_bytes(path, HEADER_MAX).decode("latin-1")
     if not text.startswith("ply"):
         raise input_error(path, "does not start with 'ply'")
-    # The first line's end is the end of all of them: LF, CR LF or CR.
+    # All lines end like the first one: with LF, CR LF or CR.
     newline = "\r\n" if text[3:5] == "\r\n" else text[3:4]
     header, end, _ = text.partition(f"{newline}end_header{newline}")
     if newline not in ("\n", "\r", "\r\n") or not end:
@@ -97,7 +97,7 @@ def _header(path: str | os.PathLike) -> tuple[list[str], int]:
 
 
 def _parsed(lines: list[str], path: str | os.PathLike) -> tuple[str, list[Element], list[str]]:
-    """Format, elements and comments of a header."""
+    """Parse a header: format, elements and comments."""
     form, elements, comments = "", [], []
     for line in lines:
         word, *words = line.split() or [""]
@@ -114,17 +114,17 @@ def _parsed(lines: list[str], path: str | os.PathLike) -> tuple[str, list[Elemen
         elif word == "property" and elements:
             _add_property(elements[-1], words, path)
         else:
-            raise input_error(path, f"header: {line[:80]!r} is not known")
+            raise input_error(path, f"header: unknown line {line[:80]!r}")
     names = [element.name for element in elements]
     if not form:
         raise input_error(path, "header: 'format' is missing")
     if len(set(names)) < len(names):
-        raise input_error(path, "header: two elements of the same name")
+        raise input_error(path, "header: two elements have the same name")
     return form, elements, comments
 
 
 def _add_property(element: Element, words: list[str], path: str | os.PathLike):
-    """Add the property that words behind `property` declare."""
+    """Add the property declared by the words after `property`."""
     *kinds, name = words or [""]
     where = f"header: element {element.name!r}"
     if kinds[:1] == ["list"]:
@@ -136,7 +136,7 @@ def _add_property(element: Element, words: list[str], path: str | os.PathLike):
         known = len(kinds) == 1 and kinds[0] in TYPES
         kind = TYPES.get(kinds[0], "") if kinds else ""
     if not known:
-        raise input_error(path, f"{where}: property {' '.join(words)[:80]!r} is not known")
+        raise input_error(path, f"{where}: unknown property {' '.join(words)[:80]!r}")
     if name in element.properties:
         raise input_error(path, f"{where}: two properties are called {name!r}")
     element.properties[name] = kind
@@ -145,7 +145,7 @@ def _add_property(element: Element, words: list[str], path: str | os.PathLike):
 def _binary_rows(
     path: str | os.PathLike, start: int, elements: list[Element], order: str
 ) -> tuple[dict[str, np.ndarray], int]:
-    """Tables by element, and the bytes that are left."""
+    """Read the tables of a binary file; also returns the number of bytes left."""
     with file.reading(path), open(path, "rb") as opened:
         data = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
     tables = {}
@@ -158,7 +158,7 @@ def _binary_rows(
         end = start + element.count * row.itemsize
         if end > len(data):
             held = (len(data) - start) // row.itemsize
-            raise input_error(path, f"element {element.name!r}: {held} of {element.count} rows")
+            raise input_error(path, f"element {element.name!r}: has {held} of {element.count} rows")
         tables[element.name] = np.frombuffer(data, row, element.count, start)
         start = end
     return tables, len(data) - start
@@ -167,7 +167,7 @@ def _binary_rows(
 def _behind_lists(
     data: mmap.mmap, start: int, element: Element, order: str, path: str | os.PathLike
 ) -> int:
-    """The offset of the first byte behind an element with lists."""
+    """Find the offset of the first byte after an element with lists."""
     where, end = f"element {element.name!r}: lists", start
     with file.reading(path, f"{where} are cut off"):
         lengths, end = _row_end(data, start, element, order)
@@ -188,7 +188,7 @@ def _behind_lists(
 
 
 def _row_end(data: mmap.mmap, start: int, element: Element, order: str) -> tuple[list[int], int]:
-    """Lengths of the lists of the row at an offset, and where the row ends."""
+    """Lengths of the lists of the row at an offset, and the offset of its end."""
     lengths = []
     for kind in element.properties.values():
         if isinstance(kind, tuple):
@@ -206,7 +206,8 @@ def _row_end(data: mmap.mmap, start: int, element: Element, order: str) -> tuple
 def _text_rows(
     path: str | os.PathLike, start: int, elements: list[Element], order: str
 ) -> tuple[dict[str, np.ndarray], int]:
-    """Tables by element, and the number of lines that are left; empty lines do not count."""
+    """Read the tables of an ASCII file; also returns the number of lines left. Empty lines are
+    ignored."""
     lines = [line for line in file.read_bytes(path)[start:].splitlines() if line.strip()]
     tables, begin = {}, 0
     for element in elements:
@@ -214,22 +215,22 @@ def _text_rows(
         begin += element.count
         where = f"element {element.name!r}"
         if len(rows) < element.count:
-            raise input_error(path, f"{where}: {len(rows)} of {element.count} rows")
+            raise input_error(path, f"{where}: has {len(rows)} of {element.count} rows")
         if not element.lists:
             tables[element.name] = _text_table(rows, element, f"{path}: {where}")
     return tables, max(len(lines) - begin, 0)
 
 
 def _text_table(rows: list[bytes], element: Element, where: str) -> np.ndarray:
-    """The table of an element's lines."""
+    """Parse the table of an element from its lines."""
     words, table = [row.split() for row in rows], np.empty(len(rows), element.row("="))
     for number, row in enumerate(words):
         if len(row) != len(element.properties):
-            what = f"row {number} has {len(row)} values, not {len(element.properties)}"
-            raise input_error(where, what)
+            fault = f"row {number} has {len(row)} values, not {len(element.properties)}"
+            raise input_error(where, fault)
     if not rows:
         return table
-    with file.reading(where, "holds a value that is no number"):
+    with file.reading(where, "holds a value that is not a number"):
         values = np.array(words).astype(np.float64)
     for name, column in zip(element.properties, values.T, strict=True):
         kind = table.dtype[name]

@@ -1,8 +1,8 @@
-"""Marks of a PLY beyond the layout of 3DGS: comments on antialiasing, Mip-Splatting's filter_3D.
+"""Marks in a PLY that say how it is rendered: comments on antialiasing, Mip-Splatting's filter_3D.
 
-No property of a PLY says that its scene was trained with opacity compensation; Brush's comment
-`SplatRenderMode: mip` and Postshot's `antialiased 1` do. PlayCanvas' splat-transform reads both and
-writes the first, in plain and compressed PLY.
+The layout of 3DGS has no field for opacity compensation. Tools state it in a comment: Brush writes
+`SplatRenderMode: mip`, Postshot `antialiased 1`. PlayCanvas' splat-transform reads both and writes
+the first, in plain and compressed PLY.
 """
 
 import re
@@ -14,7 +14,7 @@ import numpy as np
 from splatcore.spec.scene import Scene
 
 COMMENT = "SplatRenderMode: mip"
-"""The comment that marks a scene of ours."""
+"""The comment with which we mark an antialiased scene."""
 
 _STATEMENTS = {
     r"splat_?render_?mode\s*[:=]?\s*mip": True,
@@ -22,16 +22,16 @@ _STATEMENTS = {
     r"antialias(ed|ing)?\s*[:=]?\s*(1|true|yes|on)": True,
     r"antialias(ed|ing)?\s*[:=]?\s*(0|false|no|off)": False,
 }
-"""Whole comments, in any case, and what they state."""
+"""Pattern of a whole comment, in upper or lower case → whether the scene is antialiased."""
 
 FILTER = "filter_3D"
 """Mip-Splatting's column: standard deviation of its 3D smoothing filter, scene units."""
 
-_IGNORED = ("nx", "ny", "nz")  # zeros in all files of 3DGS
+_IGNORED = ("nx", "ny", "nz")  # always zero in files of 3DGS
 
 
 def of_comments(scene: Scene, comments: Iterable[str]) -> Scene:
-    """The scene with the mark that the last statement among comments gives it, if there is one."""
+    """The scene with the mark stated by the comments, if any; the last statement counts."""
     for comment in comments:
         text = " ".join(comment.split())
         for pattern, antialiased in _STATEMENTS.items():
@@ -42,12 +42,15 @@ def of_comments(scene: Scene, comments: Iterable[str]) -> Scene:
 
 
 def fused(scene: Scene, width: np.ndarray) -> Scene:
-    """The scene with Mip-Splatting's 3D filter fused into it; width [N]: its standard deviations.
+    """Fuse Mip-Splatting's 3D filter into a scene.
+
+    width: [N] standard deviations of the filter, scene units
 
     scale' = √(scale² + width²), opacity' = opacity·√(Π scale² / Π scale'²), like `create_fused_ply`
-    of Mip-Splatting (Yu et al. 2024). The column is also a mark, as Mip-Splatting's own renderer
-    always compensates opacities. Its blur is 0.1 instead of 0.3: of 200 Gaussians of 0.6, 2.3 and
-    9 pixels, the compensated picture is 42, 62 and 77 dB from its own, the plain one 26, 49 and 71.
+    of Mip-Splatting (Yu et al. 2024). The scene is marked antialiased, because Mip-Splatting's
+    renderer always compensates opacities. Its blur is 0.1 instead of 0.3; still, for 200 Gaussians
+    of 0.6, 2.3 and 9 pixels, the PSNR against its picture is 42, 62 and 77 dB with compensation,
+    26, 49 and 71 dB without.
     """
     scale = np.hypot(scene.scale, width[:, None])
     shares = np.divide(scene.scale, scale, out=np.ones_like(scale), where=scale > 0)
@@ -60,12 +63,12 @@ def fused(scene: Scene, width: np.ndarray) -> Scene:
 def unused(
     names: Iterable[str], used: Iterable[str], elements: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """Notes that name the columns and the elements that are not used, if there are any."""
+    """Notes that name unused columns and elements, if any."""
     columns = [name for name in names if name not in {*used, *_IGNORED}]
     found = {"columns": columns, "elements": list(elements)}
-    return tuple(f"{what} that are not used: {_some(each)}" for what, each in found.items() if each)
+    return tuple(f"{kind} that are not used: {_some(each)}" for kind, each in found.items() if each)
 
 
 def _some(names: list[str]) -> str:
-    """The first names, and how many more."""
+    """The first names, and the number of further ones."""
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

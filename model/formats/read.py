@@ -1,4 +1,4 @@
-"""Reads a scene file of any format that this project knows."""
+"""Reading scene files of all supported formats."""
 
 import os
 import re
@@ -16,26 +16,29 @@ from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
 from splatcore.spec.scene import ARRAYS, Scene
 
 FORMATS = {"PLY": ply, "SPZ": spz, "SOG": sog, ".splat": splat}
-"""Name for messages → module; those that know a file by its first bytes stand first.
+"""Name for messages → module. Formats recognised by a file's first bytes come first.
 
-`matches(start, suffix)`: true for the format's files, from their first four bytes and the end of
-their name in lower case. `read(path)`: the `Scene` of such a file; an InputError, which names file
-and field, for a malformed one. NaN and Inf may stay, numpy's warnings about them are silenced.
+Each module has
+- `matches(start, suffix)`: true for files of the format, given their first four bytes and the
+  extension of their name in lower case;
+- `read(path)`: the `Scene` of such a file, or InputError naming file and field. The scene may hold
+  NaN and Inf; the caller silences numpy's warnings about them.
 """
 
 TRAINED = "point_cloud/iteration_*/point_cloud.ply"
-"""Scenes in the folder that INRIA's training writes."""
+"""Scenes in the output folder of INRIA's training."""
 
-NORM_RANGE = (1e-3, 1e3)  # norms of quaternions that need no note: training does not normalise them
+NORM_RANGE = (1e-3, 1e3)  # usual norms of quaternions, which training does not normalise
 
 
 def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
-    """The scene of a file of any of `FORMATS`, of a compressed PLY or of a folder as INRIA's
-    training leaves it; its `name` is the file's path.
+    """Read a scene; its `name` is the file's path, its `notes` count unusual Gaussians.
 
-    axes: of `spz_axes.AXES`, those of an SPZ file that does not state its own; None: RUB. `notes`
-    count what is odd in it. Raises InputError for any other or malformed file, and for axes of
-    one whose axes are known.
+    path: file of any of `FORMATS`, or output folder of INRIA's training
+    axes: one of `spz_axes.AXES`, for an SPZ file that does not state its axes (default: RUB)
+
+    Raises InputError for an unknown format, a malformed file, and axes for a file whose axes are
+    known.
     """
     file = scene_file(path)
     format = find_format(file)
@@ -46,13 +49,13 @@ def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
 
 
 def check_axes(path: str | os.PathLike, axes: str | None):
-    """InputError for axes with a file of another format than SPZ."""
+    """Raise InputError if axes are given for a file that is not SPZ."""
     if axes and find_format(path) is not spz:
-        raise input_error(path, f"--axes {axes}: only SPZ files leave their axes open")
+        raise input_error(path, f"--axes {axes}: only SPZ files have a choice of axes")
 
 
 def scene_file(path: str | os.PathLike) -> str | os.PathLike:
-    """The file of a scene: of a folder as INRIA's training leaves it that of the last iteration."""
+    """The file of a scene; in an output folder of INRIA's training, that of the last iteration."""
     if not os.path.isdir(path):
         return path
     found = {
@@ -66,24 +69,24 @@ def scene_file(path: str | os.PathLike) -> str | os.PathLike:
 
 
 def find_format(path: str | os.PathLike) -> ModuleType:
-    """The module of `FORMATS` that knows a file; InputError if none does."""
+    """The module of `FORMATS` for a file; raises InputError if there is none."""
     path = scene_file(path)
     start, suffix = read_bytes(path, 4), Path(path).suffix.lower()
     for format in FORMATS.values():
         if format.matches(start, suffix):
             return format
     *names, last = FORMATS
-    raise input_error(path, f"is no {', '.join(names)} or {last} file")
+    raise input_error(path, f"is not a {', '.join(names)} or {last} file")
 
 
 COLOUR_MAX = 2.0**COLOUR_INTEGER
-"""Colours from here on saturate in the machine."""
+"""Colours of at least this saturate in the machine."""
 
-LOOKS = 200  # directions, evenly over the sphere, from which bright Gaussians are looked at
+LOOKS = 200  # directions, evenly over the sphere, in which bright Gaussians are evaluated
 
 
 def _notes(scene: Scene) -> tuple[str, ...]:
-    """A line for each kind of odd Gaussian, with how many there are."""
+    """A line per kind of unusual Gaussian, with their number."""
     arrays = [getattr(scene, name).reshape(len(scene), -1) for name in ARRAYS]
     kept = scene
     if not np.isfinite([(array.min(), array.max()) for array in arrays]).all():
@@ -94,20 +97,21 @@ def _notes(scene: Scene) -> tuple[str, ...]:
     counts = {
         "Gaussians with NaN or Inf": len(scene) - len(kept),
         "quaternions of norm 0": np.sum(norm == 0),
-        f"quaternions of a norm beyond {low:g} … {high:g}": np.sum(odd),
+        f"quaternions of a norm outside {low:g} … {high:g}": np.sum(odd),
         "transparent Gaussians (opacity below 1/255)": np.sum(kept.opacity < ALPHA_MIN),
         f"Gaussians with colours from {COLOUR_MAX:g} on, which saturate in the machine": (
             _saturating(kept.sh)
         ),
     }
-    return tuple(f"{count} {what}" for what, count in counts.items() if count)
+    return tuple(f"{count} {kind}" for kind, count in counts.items() if count)
 
 
 def _saturating(sh: np.ndarray) -> int:
-    """How many Gaussians reach `COLOUR_MAX` in a channel, seen from some of `LOOKS` directions.
+    """Number of Gaussians that reach `COLOUR_MAX` in a channel in any of `LOOKS` directions.
 
-    Harmonics beyond the constant one reach at most their coefficients' norm times √((K − 1) / 4π),
-    K coefficients a channel: bounds of ever fewer Gaussians rule most of them out at little cost.
+    With K coefficients per channel, harmonics beyond the constant one add at most the norm of their
+    coefficients times √((K − 1) / 4π). Two such bounds, the cheaper one first, rule out most
+    Gaussians.
     """
     if not len(sh):
         return 0
@@ -115,7 +119,7 @@ def _saturating(sh: np.ndarray) -> int:
     flat = sh.reshape(len(sh), -1)[:, 3:]
     largest = np.maximum(flat.max(axis=0), -flat.min(axis=0)).reshape(-1, 3)
     others = np.linalg.norm(largest, axis=0)
-    dark = (COLOUR_MAX - COLOUR_OFFSET - most * others) / SH_C0  # a constant coefficient below it
+    dark = (COLOUR_MAX - COLOUR_OFFSET - most * others) / SH_C0  # smaller constants are ruled out
     bright = sh[(sh[:, 0] >= dark).any(axis=1)]
     norm = np.sqrt(np.einsum("nkc,nkc->nc", bright[:, 1:], bright[:, 1:]))
     reach = COLOUR_OFFSET + SH_C0 * bright[:, 0] + most * norm

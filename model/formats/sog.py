@@ -1,7 +1,7 @@
 """SOG scenes (a zip of meta.json and WebP images), versions 1 and 2.
 
 Source: PlayCanvas, "The SOG Format". Pixel i of an image, row by row, belongs to Gaussian i.
-Version 2 looks bytes up in a codebook; version 1 places them linearly between `mins` and `maxs`.
+Version 2 looks up bytes in a codebook; version 1 maps them linearly to `mins` … `maxs`.
 """
 
 import io
@@ -17,7 +17,7 @@ from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
 from splatcore.spec.scene import Scene
 
-PALETTE_ROW = 64  # SH vectors side by side in a row of the centroids image
+PALETTE_ROW = 64  # SH vectors per row of the centroids image
 
 QUATERNION_TAG = 252
 """The alpha of a quaternion's pixel is this plus the index of its largest component."""
@@ -32,16 +32,16 @@ _COEFFICIENTS = {1: 3, 2: 8, 3: 15}  # SH degree → coefficients per channel be
 
 @dataclass(frozen=True)
 class Sog:
-    """An open file: where it lies, how long it is, its zip archive, its meta.json and version."""
+    """An open SOG file."""
 
     path: str | os.PathLike
-    size: int
+    size: int  # bytes of the file
     archive: zipfile.ZipFile
-    meta: dict
+    meta: dict  # content of meta.json
     version: int
 
     def section(self, name: str) -> tuple[dict, str]:
-        """A named object of meta.json, and the words that locate it in messages."""
+        """An object of meta.json, and its location for messages."""
         return file.field(self.meta, name, dict, f"{self.path}: meta.json"), f"{self.path}: {name}"
 
     def pixels(self, name: str, index: int = 0) -> np.ndarray:
@@ -53,13 +53,13 @@ class Sog:
         name = file.checked(files[index], str, f"{where}: 'files'")
         data = _entry(self.archive, name, self.path, self.size)
         where = f"{self.path}: {name}"
-        with file.reading(where, "is no WebP or PNG image"):
+        with file.reading(where, "is not a WebP or PNG image"):
             image = Image.open(io.BytesIO(data), formats=("WEBP", "PNG"))
         if image.mode not in ("RGB", "RGBA"):
             raise input_error(where, f"has pixels of mode {image.mode}, not RGB or RGBA")
         file.check_expansion(4 * image.width * image.height, self.size, where)
         with file.reading(where, "is a broken image"):
-            return np.asarray(image.convert("RGBA"))  # a missing alpha is 255 throughout
+            return np.asarray(image.convert("RGBA"))  # a missing alpha becomes 255
 
     def values(self, name: str, codes: np.ndarray) -> np.ndarray:
         """Dequantised bytes [N, C] of a section, float64."""
@@ -75,20 +75,20 @@ class Sog:
 
 
 def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes are those of a zip archive."""
+    """True if a file's first four bytes mark a zip archive."""
     return start == b"PK\x03\x04"
 
 
 def read(path: str | os.PathLike) -> Scene:
-    """The scene of a SOG file."""
+    """Read the scene of a SOG file."""
     data = file.read_bytes(path)
-    with file.reading(path, "is no zip archive"):
+    with file.reading(path, "is not a zip archive"):
         archive = zipfile.ZipFile(io.BytesIO(data))
     text = _entry(archive, "meta.json", path, len(data))
     meta = file.checked(file.parse_json(text, f"{path}: meta.json"), dict, f"{path}: meta.json")
     version = file.field(meta, "version", int, path, default=1)
     if version not in (1, 2):
-        raise input_error(path, f"SOG version {version} is not known")
+        raise input_error(path, f"SOG version {version} is not supported")
     sog = Sog(path, len(data), archive, meta, version)
     images = {name: sog.pixels(name) for name in ("means", "quats", "scales", "sh0")}
     images["means, upper bytes"] = sog.pixels("means", 1)
@@ -104,7 +104,7 @@ def read(path: str | os.PathLike) -> Scene:
     count = _count(sog)
     file.check_count(count, path)
     if count > size[0] * size[1]:
-        raise input_error(path, f"{count} Gaussians in images of {size[1]}×{size[0]} pixels")
+        raise input_error(path, f"{count} Gaussians exceed images of {size[1]}×{size[0]} pixels")
     rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
     opacity, colour = _colour(sog, rows["sh0"])
     higher, notes = (None, ()) if labels is None else _higher(sog, rows["shN, labels"])
@@ -117,8 +117,8 @@ def read(path: str | os.PathLike) -> Scene:
 
 
 def _surplus(images: dict[str, np.ndarray], count: int) -> tuple[str, ...]:
-    """A note on pixels behind the last Gaussian that are Gaussians, too: of an opacity above 0 and
-    with a quaternion's tag, which padding has not."""
+    """A note on pixels after the last Gaussian that are Gaussians, too: unlike padding they have an
+    opacity above 0 and the tag of a quaternion."""
     opacity, tag = (images[name].reshape(-1, 4)[count:, 3] for name in ("sh0", "quats"))
     held = int(((opacity > 0) & (tag >= QUATERNION_TAG)).sum())
     says = f"meta.json says {count} Gaussians, its images hold {count + held}"
@@ -126,8 +126,8 @@ def _surplus(images: dict[str, np.ndarray], count: int) -> tuple[str, ...]:
 
 
 def _marked(scene: Scene, meta: dict) -> Scene:
-    """The scene with the mark that meta.json gives it at its top level: "model" (PlayCanvas'
-    splat-transform) or else "antialias" (GaussForge)."""
+    """The scene with the mark stated at the top level of meta.json, if any: by "model" (PlayCanvas'
+    splat-transform) or "antialias" (GaussForge)."""
     for key, stated in MARKS.items():
         value = meta.get(key)
         if isinstance(value, str | bool) and value in stated:
@@ -137,7 +137,7 @@ def _marked(scene: Scene, meta: dict) -> Scene:
 
 
 def _entry(archive: zipfile.ZipFile, name: str, path: str | os.PathLike, size: int) -> bytes:
-    """A file of the archive, whose declared size is checked before it is unpacked."""
+    """Read a file of the archive, checking its declared size before unpacking."""
     if name not in archive.namelist():
         raise input_error(path, f"no {name}")
     where = f"{path}: {name}"
@@ -155,7 +155,7 @@ def _codebook(section: dict, where: str) -> np.ndarray:
     if not 1 <= len(numbers) <= CODEBOOK_MAX:
         raise input_error(where, f"'codebook' has {len(numbers)} entries, not 1 … {CODEBOOK_MAX}")
     if numbers[0] is None and len(numbers) == CODEBOOK_MAX:
-        # A known fault of early writers; the entry is extrapolated as PlayCanvas's engine does.
+        # A bug of early writers; the entry is extrapolated as in PlayCanvas's engine.
         second, last = (file.checked(numbers[i], float, f"{where}: 'codebook'") for i in (1, -1))
         numbers[0] = second + (second - last) / 255
     return file.array_field({"codebook": numbers}, "codebook", (len(numbers),), where)
@@ -173,7 +173,7 @@ def _count(sog: Sog) -> int:
 
 
 def _position(sog: Sog, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Positions [N, 3] in scene units: 16-bit codes of sign(x)·ln(1 + |x|)."""
+    """Positions [N, 3] in scene units, from 16-bit codes of sign(x)·ln(1 + |x|)."""
     means, where = sog.section("means")
     low, high = (file.array_field(means, side, (3,), where) for side in ("mins", "maxs"))
     codes = lower[:, :3] + 256.0 * upper[:, :3]
@@ -182,14 +182,15 @@ def _position(sog: Sog, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 
 
 def _quaternion(sog: Sog, rows: np.ndarray) -> np.ndarray:
-    """Quaternions [N, 4] (w, x, y, z): three components of ± 1/√2, the largest from the norm."""
+    """Quaternions [N, 4] (w, x, y, z): three components within ± 1/√2 are stored, the largest
+    follows from the norm."""
     largest = rows[:, 3].astype(np.int64) - QUATERNION_TAG
     if (largest < 0).any():
         index = int(np.argmax(largest < 0))
-        raise input_error(sog.path, f"quats: Gaussian {index} has the tag {rows[index, 3]}")
+        raise input_error(sog.path, f"quats: Gaussian {index} has the wrong tag {rows[index, 3]}")
     small = (rows[:, :3] / 255 - 0.5) * np.sqrt(2)
     quaternion = np.empty((len(rows), 4))
-    # The three keep their order and fill the places that the largest leaves free.
+    # The three keep their order and fill the places around the largest one.
     free = np.arange(4) != largest[:, None]
     quaternion[free] = small.ravel()
     quaternion[~free] = np.sqrt(np.maximum(0, 1 - (small**2).sum(axis=1)))
@@ -205,9 +206,9 @@ def _colour(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _higher(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """SH coefficients of degree 1 and up, [N, 3 | 8 | 15, 3], looked up by 16-bit labels; and a
-    note on labels without a centroid, which stand for coefficients of 0: splat-transform gives
-    label 65535 to a Gaussian whose harmonics are NaN."""
+    """SH coefficients from degree 1 on, [N, 3 | 8 | 15, 3], looked up by 16-bit labels; and a note
+    on labels without a centroid, which become coefficients of 0: splat-transform writes label 65535
+    for a Gaussian whose harmonics are NaN."""
     section, where = sog.section("shN")
     image = sog.pixels("shN")
     height, width, _ = image.shape
@@ -218,16 +219,18 @@ def _higher(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         coefficients, count = width // PALETTE_ROW, PALETTE_ROW * height
         claim = file.field(section, "shape", list, where, [0, coefficients])[1:2]
         if claim not in ([], [coefficients], [3 * coefficients]):  # writers differ
-            raise input_error(where, f"'shape' is not that of {coefficients} coefficients")
+            raise input_error(where, f"'shape' does not match {coefficients} coefficients")
     if coefficients not in _COEFFICIENTS.values():
         raise input_error(where, "SH degree is not 1, 2 or 3")
     if width != PALETTE_ROW * coefficients or not 1 <= count <= PALETTE_ROW * height:
-        raise input_error(where, f"{count} × {coefficients} centroids in {width}×{height} pixels")
+        raise input_error(
+            where, f"{count} × {coefficients} centroids do not match {width}×{height} pixels"
+        )
     labels = rows[:, 0] + 256 * rows[:, 1].astype(np.int64)
     codes = image[..., :3].reshape(-1, 3 * coefficients)[:count]
     higher = sog.values("shN", codes).reshape(count, coefficients, 3)[np.minimum(labels, count - 1)]
     if not (lost := int((labels >= count).sum())):
         return higher, ()
     higher[labels >= count] = 0
-    what = f"{lost} Gaussians have a label beyond the {count} centroids"
-    return higher, (f"{what}: their harmonics are 0",)
+    note = f"{lost} Gaussians have a label beyond the {count} centroids"
+    return higher, (f"{note}: their harmonics are 0",)

@@ -1,4 +1,4 @@
-""".splat scenes: 32 bytes a Gaussian, no header. Source: antimatter15/splat, `main.js`."""
+""".splat scenes: 32 bytes per Gaussian, no header. Source: antimatter15/splat, `main.js`."""
 
 import os
 
@@ -11,19 +11,20 @@ from splatcore.spec.scene import Scene
 RECORD = np.dtype(
     [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("quaternion", "u1", 4)]
 )
-"""scale is linear, in scene units; colour RGBA; quaternion (w, x, y, z), 128 stands for 0."""
+"""Scales are linear, in scene units; colours are RGBA; quaternions are (w, x, y, z), with 128 for
+0."""
 
 
 def matches(start: bytes, suffix: str) -> bool:
-    """True if the file's name ends with .splat; nothing in it says so."""
+    """True if the file's name ends with .splat; the content has no mark."""
     return suffix == ".splat"
 
 
 def read(path: str | os.PathLike) -> Scene:
-    """The scene of a .splat file; SH degree 0."""
+    """Read the scene of a .splat file; SH degree 0."""
     data = read_bytes(path)
     if len(data) % RECORD.itemsize:
-        raise input_error(path, f"{len(data)} bytes are no multiple of {RECORD.itemsize}")
+        raise input_error(path, f"{len(data)} bytes are not a multiple of {RECORD.itemsize}")
     record = np.frombuffer(data, RECORD)
     colour = record["colour"].astype(np.float64) / 255
     # A negative scale gives the covariance of its absolute value.

@@ -1,8 +1,8 @@
 """SPZ scenes, versions 1 to 4. Source: github.com/nianticlabs/spz; `gsply` decodes the sections.
 
-gsply checks little before its compiled loops allocate and run, so header, sizes and streams are
-checked here first. Axes are those of the file's record, else RUB or the reader's choice
-(`spz_axes`): splat-transform, GaussForge, gsply and spz-js store a PLY's own numbers, RDF.
+gsply hardly checks its input before its compiled loops allocate and run, so header, sizes and
+streams are checked here first. Axes are stated in the file, or chosen by the caller, or RUB
+(`spz_axes`). splat-transform, GaussForge, gsply and spz-js store the numbers of a PLY, in RDF axes.
 """
 
 import gzip
@@ -23,16 +23,16 @@ from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
 GZIP_MAGIC = b"\x1f\x8b\x08"
-"""Starts a file of version 1 to 3: one gzip stream, header and sections."""
+"""Begins a file of version 1 to 3: one gzip stream, header and sections."""
 
 SPZ_MAGIC = b"NGSP"
-"""Starts a header: inside the gzip stream, or a file of version 4 (one zstd stream a section)."""
+"""Begins a header: inside the gzip stream, or a file of version 4 (one zstd stream per section)."""
 
-FRACTION_MAX = 24  # most fractional bits of a position, which has 24 bits
+FRACTION_MAX = 24  # largest number of fractional bits of a position, which has 24 bits
 
 ANTIALIASED = 1
-"""Flag of a scene trained with opacity compensation. A file without it states nothing: converters
-drop it."""
+"""Flag of a scene trained with opacity compensation. Its absence means nothing: converters drop
+it."""
 
 EXTENDED = 2
 """Flag of a file with extensions: records of type, size in bytes (both uint32) and content."""
@@ -43,22 +43,22 @@ COORDINATES = 0xADBE0003
 """Type of the extension SPZ_ADOBE_coordinate_system: the axes of the file, one uint32."""
 
 PLY_MAGIC = b"ply"
-"""Starts a PLY, which some tools write as a gzip stream."""
+"""Begins a PLY, which some tools write as a gzip stream."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """The header of any version."""
+    """The header, common to all versions."""
 
     version: int
-    count: int
-    degree: int
-    fraction: int
+    count: int  # Gaussians
+    degree: int  # of the harmonics
+    fraction: int  # fractional bits of a position
     flags: int
 
     @property
     def sections(self) -> list[int]:
-        """Sizes in bytes, in file order."""
+        """Sizes of the sections in bytes, in file order."""
         position = 6 if self.version == 1 else 9  # three half floats, or 3 × 24 bit
         quaternion = 3 if self.version < 3 else 4
         sh = 3 * (sh_count(self.degree) - 1)
@@ -69,15 +69,15 @@ class Header:
 
 
 def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes are those of an SPZ file, or of a gzip stream."""
+    """True if a file's first four bytes mark an SPZ file or a gzip stream."""
     return start.startswith((SPZ_MAGIC, GZIP_MAGIC))
 
 
 def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
-    """The scene of an SPZ file, in the axes of PLY.
+    """Read the scene of an SPZ file, converted to the axes of PLY.
 
-    axes: one of `AXES`, for a file that does not state its own; None: RUB, by the specification.
-    InputError for axes with a file that states them.
+    axes: one of `AXES`, for a file that does not state its axes (default: RUB, as specified)
+    Raises InputError if axes are given for a file that states its own.
     """
     data = file.read_bytes(path)
     if data.startswith(SPZ_MAGIC):
@@ -85,7 +85,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     elif data.startswith(GZIP_MAGIC):
         header, payload, records, rest = _gunzip(data, path)
     else:
-        raise input_error(path, "is no SPZ file")
+        raise input_error(path, "is not an SPZ file")
     stated, records = _stated_axes(header, records, path)
     if payload and records:
         _check_surplus(header, len(records), path)
@@ -103,19 +103,19 @@ def _note(stated: str | None, axes: str | None) -> tuple[str, ...]:
     """A note on axes that the file does not state."""
     if stated:
         return ()
-    by = "--axes" if axes else "as the format's specification has it; --axes reads others"
+    by = "by --axes" if axes else "the format's default; choose others by --axes"
     return (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
 
 
 def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
-    """The first 16 bytes, common to all versions, checked."""
+    """Parse and check the first 16 bytes, common to all versions."""
     if data.startswith(PLY_MAGIC):
-        raise input_error(path, "is a PLY in a gzip stream; unpack it first, as by gunzip")
+        raise input_error(path, "is a PLY in a gzip stream; unpack it first, e.g. with gunzip")
     if len(data) < 16 or not data.startswith(SPZ_MAGIC):
         raise input_error(path, "has no SPZ header")
     header = Header(*struct.unpack_from("<IIBBB", data, 4))
     if header.version not in versions:
-        raise input_error(path, f"SPZ version {header.version} is not known")
+        raise input_error(path, f"SPZ version {header.version} is not supported")
     if header.degree > SH_DEGREE_MAX:
         raise input_error(path, f"SH degree {header.degree} is not supported")
     if not 1 <= header.fraction <= FRACTION_MAX:
@@ -125,8 +125,10 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
 
 
 def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
-    """Header, sections, bytes after them (extension records), and 0, of a file of version 1 to 3;
-    never more than the header promises."""
+    """Unpack a file of version 1 to 3, never more than its header claims.
+
+    Returns the header, the sections, the bytes after them (extension records), and 0.
+    """
     with file.reading(path):
         stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
         header = _header(stream.decompress(data, 16), range(1, 4), path)
@@ -143,8 +145,8 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes,
 
 
 def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
-    """Refuses bytes after the sections that belong to Gaussians, a degree or a version that the
-    header does not say: sections would begin at wrong places."""
+    """Raise InputError if `rest` bytes after the sections show that the header's count, degree or
+    version is wrong, so that sections would be read at wrong places."""
     file.check_degree(header.degree, header.count, 1, rest, path)
     size = sum(header.sections)
     row = size // header.count
@@ -158,8 +160,11 @@ def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
 
 
 def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
-    """Header, nothing, extension records and the number of bytes after the last stream, of a file
-    of version 4, its table of contents and the zstd streams checked."""
+    """Check a file of version 4: header, table of contents and zstd streams.
+
+    Returns the header, no sections, the extension records, and the number of bytes after the last
+    stream.
+    """
     header = _header(data, range(4, 5), path)
     file.check_expansion(sum(header.sections), len(data), path)
     if len(data) < 32:
@@ -176,8 +181,8 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes,
             raise input_error(path, f"stream {index} has {claimed} bytes, not {size} of {header}")
         if start + stored > len(data):
             raise input_error(path, f"stream {index} is cut off")
-        with file.reading(path, f"stream {index} is no zstd stream"):
-            # −1: the frame does not say, and gsply stops at the size it expects.
+        with file.reading(path, f"stream {index} is not a zstd stream"):
+            # −1: the frame states no size; gsply stops at the size that it expects.
             content = zstandard.frame_content_size(data[start : start + stored])
         if content not in (-1, size):
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
@@ -188,9 +193,9 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes,
 def _stated_axes(
     header: Header, records: bytes, path: str | os.PathLike
 ) -> tuple[str | None, bytes]:
-    """The axes that extension records state, None if none does, and bytes that are no record.
+    """Axes stated by extension records (None: not stated), and the bytes that are no records.
 
-    Other extensions leave the Gaussians as they are. Refuses axes of an unknown number.
+    Other extensions do not change the Gaussians. Raises InputError for an unknown number of axes.
     """
     axes = None
     while header.flags & EXTENDED and len(records) >= 8:
@@ -200,16 +205,17 @@ def _stated_axes(
         if kind == COORDINATES:
             number = struct.unpack_from("<I", records, 8)[0] if size >= 4 else -1
             if not 0 <= number <= len(AXES):
-                what = f"is {number}, not 0 … {len(AXES)}"
-                raise input_error(path, f"extension 'coordinate system' {what}")
+                fault = f"is {number}, not 0 … {len(AXES)}"
+                raise input_error(path, f"extension 'coordinate system' {fault}")
             axes = AXES[number - 1] if number else None
         records = records[8 + size :]
     return axes, records
 
 
 def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:
-    """Version 1 is version 2 with half-float positions, which gsply does not know: it decodes the
-    rest from a file of version 2 with zeros for positions.
+    """Read a file of version 1: version 2 with half-float positions, which gsply does not support.
+
+    gsply decodes everything else, from a temporary file of version 2 with zeros for positions.
     """
     count, size = header.count, header.sections[0]
     position = np.frombuffer(payload[:size], "<f2").reshape(count, 3).astype(np.float64)
@@ -225,7 +231,7 @@ def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> 
 
 
 def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
-    """The scene of a checked file `source`; `path` is the name that the user knows."""
+    """Decode the checked file `source`; `path` is the name for messages."""
     import gsply  # imports numba, which takes a third of a second
 
     with file.reading(path):

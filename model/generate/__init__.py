@@ -1,4 +1,4 @@
-"""Generated scenes: the garden, and the hard cases of tests and benchmarks.
+"""Generated scenes: the garden, and the hard cases for tests and benchmarks.
 
 May import: spec.
 """

@@ -6,19 +6,19 @@ UP = np.array([0.0, -1.0, 0.0])
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
-    """`vector` [..., 3] divided by its length; zero stays zero."""
+    """Normalise vectors [..., 3]; zero stays zero."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     return vector / np.where(length == 0, 1, length)
 
 
 def random_directions(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Unit vectors [count, 3], uniform over the sphere."""
+    """Random unit vectors [count, 3], uniform over the sphere."""
     return unit(rng.standard_normal((count, 3)))
 
 
 def frames(normal: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Rotations [N, 3, 3] with column 2 = `normal` [N, 3] and column 0 = `along` [N, 3] made
-    perpendicular to it (the world's x or z axis where the two are parallel)."""
+    """Rotations [N, 3, 3]: column 2 is `normal` [N, 3], column 0 is `along` [N, 3] made
+    perpendicular to it (the world's x or z axis if the two are parallel)."""
     z = unit(np.asarray(normal, np.float64))
     along = np.broadcast_to(along, z.shape)
     x = along - np.sum(along * z, axis=1, keepdims=True) * z

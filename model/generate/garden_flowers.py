@@ -31,7 +31,7 @@ FLOWER_ROLES = 9  # splats of one flower: six petals, centre, stem, one leaf
 
 
 def flowers(rng: np.random.Generator, count: int) -> Part:
-    """Flower beds: every flower has petals, a centre, a stem and leaves."""
+    """Flower beds: every flower has petals, a centre, a stem and a leaf."""
     layout = np.random.default_rng(rng.integers(2**32))
     most = layout.permutation(np.repeat(np.arange(len(BEDS)), share_out(FLOWERS_MOST, BEDS[:, 4])))
     angle, reach = layout.uniform(0, 2 * np.pi, FLOWERS_MOST), layout.random(FLOWERS_MOST) ** 0.5
@@ -53,7 +53,7 @@ def flowers(rng: np.random.Generator, count: int) -> Part:
 
 
 def _flower_parts(rng, role, foot, face, rise, kind, bigger, spike) -> Part:
-    """The splat of each flower's `role`: 0 … 5 petals, 6 centre, 7 stem, then leaves."""
+    """Splats of flowers by their `role`: 0 … 5 petals, 6 centre, 7 stem, 8 leaf."""
     count = len(role)
     stem = unit(face * [0.35, 1, 0.35])
     head = foot + stem * rise

@@ -8,7 +8,7 @@ from splatcore.model.generate.garden_splats import Part, join, refine, share_out
 from splatcore.model.generate.spreading import COVER, GOLDEN_ANGLE, even_pairs, noise, sunflower
 
 CENTRE = np.array([0.2, -2.4])
-"""Plane point (x, z) where the ground is finest: between the viewer and the middle."""
+"""Plane point (x, z) around which the ground is finest: between the viewer and the middle."""
 
 GROUND_RADIUS = 90.0
 SKY_RADIUS = 160.0
@@ -38,7 +38,7 @@ def on_path(x: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def grass_colour(x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Linear RGB [N, 3] of the lawn: dry and lush patches, and faint mowing."""
+    """Linear RGB [N, 3] of the lawn, with dry and lush patches."""
     patch = noise(x * 0.8, z * 0.8, seed=5)[:, None]
     fine = noise(x * 7, z * 7, seed=6, octaves=2)[:, None]
     colour = GRASS_DARK + (GRASS_LIGHT - GRASS_DARK) * (0.65 * patch + 0.35 * fine)
@@ -47,7 +47,7 @@ def grass_colour(x: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def ground(rng: np.random.Generator, count: int) -> Part:
-    """Flat disks from the foot of the camera to the horizon: soil under grass, bare path."""
+    """Flat disks from the camera to the horizon: soil under grass, and the bare path."""
     plane, spacing = sunflower(count, core=2.6, radius=GROUND_RADIUS)
     plane = plane + CENTRE + rng.normal(0, 0.12, plane.shape) * spacing[:, None]
     x, z = plane.T
@@ -64,7 +64,7 @@ def ground(rng: np.random.Generator, count: int) -> Part:
 
 
 def pebbles(rng: np.random.Generator, count: int) -> Part:
-    """Small stones strewn over the path: one round splat each."""
+    """Pebbles on the path, one roundish splat each."""
     z = rng.uniform(-6.5, 3.6, count)
     side = np.clip(rng.normal(0, 0.6, count), -1.15, 1.15) * PATH_HALF_WIDTH
     x = side - path_offset(np.zeros(count), z)
@@ -78,7 +78,7 @@ def pebbles(rng: np.random.Generator, count: int) -> Part:
 
 
 def stepping_stones(rng: np.random.Generator, count: int) -> Part:
-    """Flagstones along the middle of the path, some with moss; flat disks on their upper skin."""
+    """Flagstones along the middle of the path, some with moss: flat disks on their top."""
     layout = np.random.default_rng(rng.integers(2**32))
     centre_z = np.arange(-5.9, 3.6, 0.62) + layout.uniform(-0.06, 0.06, 16)
     centre_x = layout.uniform(-0.09, 0.09, 16) - path_offset(np.zeros(16), centre_z)
@@ -157,7 +157,7 @@ def hills(rng: np.random.Generator, count: int) -> Part:
 
 
 def sky(rng: np.random.Generator, count: int) -> Part:
-    """Closed shell with soft clouds before it."""
+    """The shell of the sky, with soft clouds in front of it."""
     far, soft = share_out(count, [0.7, 0.3])
     return join([shell(rng, far), clouds(rng, soft)])
 
@@ -187,9 +187,12 @@ def clouds(rng: np.random.Generator, count: int) -> Part:
 
 
 def shell(rng: np.random.Generator, count: int) -> Part:
-    """Shell of big flat disks, finer near the horizon, from 9° below it to the zenith."""
+    """Shell of big flat disks from 7° below the horizon to the zenith, finer near the horizon."""
     u = (np.arange(count) + 0.5) / count
-    lowest, slope = -0.12, 7.0  # sine of the elevation; how much finer the horizon is
+    lowest, slope = (
+        -0.12,
+        7.0,
+    )  # sine of the lowest elevation; its density is 1 + slope times the zenith's
     sine = lowest + (1 - lowest) * (np.expm1(u * np.log1p(slope)) / slope)
     azimuth = np.arange(count) * GOLDEN_ANGLE
     level = np.sqrt(np.maximum(1 - sine**2, 0))

@@ -1,4 +1,4 @@
-"""Light on the garden: a low warm sun with shadows, sky light, haze; out come SH coefficients."""
+"""Light on the garden, as SH coefficients: a low warm sun with shadows, sky light, haze."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from splatcore.spec.colour import SH_C0, SH_C1
 SUN = unit(np.array([-0.70, -0.62, -0.36]))
 """Direction towards the sun (y down): from the left, a little behind the viewer."""
 
-SUN_LIGHT = np.array([3.6, 2.95, 2.05])  # linear RGB that a white surface facing the sun sends back
+SUN_LIGHT = np.array([3.6, 2.95, 2.05])  # linear RGB reflected by a white surface facing the sun
 SKY_LIGHT = np.array([0.46, 0.60, 0.82])  # the same for the whole sky
-BOUNCE_LIGHT = np.array([0.22, 0.24, 0.12])  # light from the ground on what faces down
+BOUNCE_LIGHT = np.array([0.22, 0.24, 0.12])  # light from the ground on downward surfaces
 HAZE = np.array([0.66, 0.76, 0.88])  # linear RGB of the air near the horizon
 HAZE_DISTANCE = 90.0  # scene units over which 1 − 1/e of a colour is lost to haze
 SHADOW_REACH = 14.0  # scene units around the origin within which shadows are computed
@@ -23,7 +23,7 @@ CONTRAST = 0.45
 
 
 def display(radiance: np.ndarray) -> np.ndarray:
-    """Linear light ≥ 0 to display values in [0, 1): a soft shoulder, gamma, some contrast."""
+    """Convert linear light ≥ 0 to display values in [0, 1): soft shoulder, gamma, contrast."""
     soft = (1 - np.exp(-EXPOSURE * np.maximum(radiance, 0))) ** (1 / GAMMA)
     return soft + CONTRAST * (soft * soft * (3 - 2 * soft) - soft)
 
@@ -31,8 +31,8 @@ def display(radiance: np.ndarray) -> np.ndarray:
 def projected_area(part: Part, direction: np.ndarray) -> np.ndarray:
     """Integral [N] of a splat's opacity over a plane perpendicular to `direction` [3].
 
-    With the covariance Σ projected along d, √det = √(det Σ · dᵀΣ⁻¹d), which needs no inverse in
-    the splat's own frame.
+    The projection along d has √det = √(det Σ · dᵀΣ⁻¹d), which needs no inverse in the splat's own
+    frame.
     """
     local = np.einsum("nij,i->nj", part.frame, direction) ** 2
     s = part.scale**2
@@ -43,9 +43,11 @@ def projected_area(part: Part, direction: np.ndarray) -> np.ndarray:
 def transmittance(part: Part, direction: np.ndarray, cell: float, bias: float) -> np.ndarray:
     """Share [N] of the light from `direction` that reaches each splat past the others.
 
-    The plane perpendicular to `direction` is cut into square cells; within a cell the optical
-    depths of the splats nearer to the light (by more than `bias`) add up. Four shifted grids are
-    averaged. `cell`, `bias` in scene units.
+    cell: side of a cell, scene units
+    bias: splats nearer to the light by at most this do not count, scene units
+
+    The plane perpendicular to `direction` is divided into square cells. In each cell, the optical
+    depths of the splats nearer to the light add up. The result is averaged over four shifted grids.
     """
     side = unit(np.cross(direction, [0.0, 0.0, 1.0]))
     plane = np.stack([part.position @ side, part.position @ np.cross(direction, side)], axis=1)
@@ -87,7 +89,7 @@ def illuminated(part: Part) -> np.ndarray:
 
 
 def sh_coefficients(part: Part) -> np.ndarray:
-    """Degree-1 SH [N, 4, 3] of every splat: lit colour plus the sun's sheen.
+    """SH coefficients [N, 4, 3] of degree 1 of each splat: lit colour plus the sun's sheen.
 
     A viewer in direction v sees gloss·(v·r) more light, r the mirror image of the sun in the
     surface. With the renderer's direction d = −v and its basis (−y, z, −x) this is linear in d.

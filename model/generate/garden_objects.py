@@ -9,38 +9,35 @@ from splatcore.model.generate.garden_splats import Part, deal, join, share_out, 
 from splatcore.model.generate.spreading import GOLDEN_ANGLE, even_pairs, noise
 
 BENCH_PLACE, BENCH_TURN = np.array([1.95, 0.75]), np.radians(-32.0)
-"""Plane point (x, z) and turn about the vertical; without a turn one sits facing −z."""
+"""Plane point (x, z) and turn about the vertical, radians; without a turn the bench faces −z."""
 
 BATH_PLACE = np.array([-0.55, -0.55])
 FENCE_Z = 3.3
 
 FACES = np.array([[0, 1, 2], [0, 2, 1], [1, 2, 0]])
-"""Per pair of box faces: the two axes in the face and its normal."""
+"""Axes of each pair of opposite box faces: two in the face, and its normal."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A plank: middle (x, height, z) and half sizes along its own axes, scene units.
+    """A plank; its grain runs along the longest axis."""
 
-    `tilt` turns it about its own x axis (a leaning backrest), radians. The grain runs along the
-    longest axis.
-    """
-
-    middle: tuple[float, float, float]
-    half: tuple[float, float, float]
-    tilt: float = 0.0
+    middle: tuple[float, float, float]  # (x, height, z), scene units
+    half: tuple[float, float, float]  # half sizes along its own axes, scene units
+    tilt: float = 0.0  # turn about its own x axis (a leaning backrest), radians
 
 
 def turned(point: np.ndarray, angle: float) -> np.ndarray:
-    """`point` [..., 3] turned about the vertical axis by `angle` radians (x towards z)."""
+    """Turn points [..., 3] about the vertical axis by `angle` radians (x towards z)."""
     c, s = np.cos(angle), np.sin(angle)
     return point @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 def planks(rng: np.random.Generator, count: int, boxes: list[Box], colour: np.ndarray) -> Part:
-    """Flat disks on the faces of `boxes`, stretched along the grain; splats stay inside edges.
+    """Flat disks on the faces of boxes, stretched along the grain; they do not cross edges.
 
-    `colour` [len(boxes), 3] is linear RGB. Coordinates are (x, −height, z), before any turn.
+    colour: [boxes, 3] linear RGB
+    Returns coordinates (x, −height, z), before any turn of the object.
     """
     half = np.array([b.half for b in boxes])
     area = (half[:, FACES[:, 0]] * half[:, FACES[:, 1]]).repeat(2, axis=1)  # [boxes, 6]
@@ -50,7 +47,7 @@ def planks(rng: np.random.Generator, count: int, boxes: list[Box], colour: np.nd
     side = half[box]
     along = np.argmax(side, axis=1)
     axes = FACES[pair]
-    swap = axes[:, 1] == along  # the grain first, where it lies in the face
+    swap = axes[:, 1] == along  # the axis of the grain first, if it is in the face
     first, second = np.where(swap, axes[:, 1], axes[:, 0]), np.where(swap, axes[:, 0], axes[:, 1])
     rows = np.arange(count)
     spacing = np.sqrt(4 * area.ravel()[face] / np.maximum(number[face], 1))
@@ -76,14 +73,14 @@ def planks(rng: np.random.Generator, count: int, boxes: list[Box], colour: np.nd
 
 
 def _leaning(vector: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """Plank coordinates [N, 3] (x, height, z) turned about x by `tilt` [N], as (x, −height, z)."""
+    """Turn plank coordinates [N, 3] (x, height, z) about x by `tilt` [N]; as (x, −height, z)."""
     x, height, z = vector.T
     c, s = np.cos(tilt), np.sin(tilt)
     return np.stack([x, z * s - height * c, height * s + z * c], axis=1)
 
 
 def moved(part: Part, place: np.ndarray, angle: float) -> Part:
-    """`part` turned about the vertical, then shifted by plane vector `place` (x, z)."""
+    """Turn a part about the vertical, then shift it by the plane vector `place` (x, z)."""
     position = turned(part.position, angle) + np.array([place[0], 0, place[1]])
     columns = turned(np.moveaxis(part.frame, 1, 2), angle)  # [N, column, 3]
     return replace(part, position=position, frame=np.moveaxis(columns, 2, 1))
@@ -108,7 +105,7 @@ def bench(rng: np.random.Generator, count: int) -> Part:
 
 
 def fence(rng: np.random.Generator, count: int) -> Part:
-    """White pickets on two rails with a gap where the path goes through, posts beside it."""
+    """White pickets on two rails, with a gap for the path between two posts."""
     layout = np.random.default_rng(rng.integers(2**32))
     gate = (-0.42, 0.72)
     pickets = [x for x in np.arange(-5.6, 5.6, 0.2) if not gate[0] < x < gate[1]]
@@ -129,8 +126,12 @@ def fence(rng: np.random.Generator, count: int) -> Part:
 def revolution(
     rng: np.random.Generator, count: int, profile: np.ndarray, colour: np.ndarray
 ) -> Part:
-    """Disks on the surface that `profile` [P, 2] (radius, height) sweeps; normals point right
-    of the direction in which the profile is walked upwards (outwards)."""
+    """Disks on a surface of revolution.
+
+    profile: [P, 2] (radius, height); normals point to the right of its direction, which is outwards
+        where the profile goes up
+    colour: linear RGB
+    """
     start, step = profile[:-1], np.diff(profile, axis=0)
     length = np.linalg.norm(step, axis=1)
     area = 2 * np.pi * (start[:, 0] + step[:, 0] / 2) * length

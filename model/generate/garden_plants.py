@@ -1,4 +1,4 @@
-"""The garden's plants: grass, a tree, bushes, a hedge, trees far off."""
+"""The garden's plants: grass, a tree, bushes, a hedge, distant trees."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from splatcore.model.generate.garden_splats import Part, deal, join, refine, sha
 from splatcore.model.generate.spreading import sunflower
 
 GRASS_RADIUS = 18.0
-BLADES_MOST = 120_000  # grass blades beyond which more Gaussians make blades finer instead of more
+BLADES_MOST = 120_000  # maximum of grass blades; further Gaussians make blades finer
 
 TREE_PLACE = np.array([-2.35, 0, 1.25])
 LEAVES_MOST = 40_000
 FAR_TREES = 52
 
 FORKS = ((6, 1.15, 0.58), (4, 0.9, 0.5), (4, 1.0, 0.42), (3, 1.1, 0.4))
-"""Per level of the tree: branches of a fork, how far they spread, their thickness at the end."""
+"""Per level of the tree: branches per fork, their spread, their thickness at the end."""
 
-FIRST_TWIG = 3 + 6 + 24  # segments of the tree before those that bear leaves
+FIRST_TWIG = 3 + 6 + 24  # number of segments without leaves, which come first
 
 BUSHES = np.array(
     [  # x, z, radius, height over radius
@@ -29,7 +29,7 @@ BUSHES = np.array(
 
 
 def grass(rng: np.random.Generator, count: int) -> Part:
-    """Blades of grass beside the path, one needle each, leaning with a light wind."""
+    """Blades of grass outside the path, one needle each, leaning with a light wind."""
     base = min(count, BLADES_MOST)
     plane, spacing = sunflower(int(1.25 * base) + 8, core=2.6, radius=GRASS_RADIUS)
     plane = plane + CENTRE + rng.normal(0, 0.35, plane.shape) * spacing[:, None]
@@ -54,8 +54,10 @@ def grass(rng: np.random.Generator, count: int) -> Part:
 
 
 def branches(layout: np.random.Generator) -> np.ndarray:
-    """Segments [M, 8] of the tree's wood: start (3), end (3), radius at start and end; levels
-    follow one another (trunk pieces, limbs, boughs, twigs), y down, foot at the origin."""
+    """Segments [M, 8] of the tree's wood: start (3), end (3), radius at start and end.
+
+    Sorted by level: trunk pieces, limbs, boughs, twigs. y points down, the foot is at the origin.
+    """
     trunk = np.array([[0, 0.1, 0], [0.05, -0.5, 0.02], [-0.03, -0.9, -0.03], [0.05, -1.2, 0]])
     radius = np.array([0.16, 0.115, 0.10, 0.09])
     wood = [np.r_[trunk[i], trunk[i + 1], radius[i], radius[i + 1]] for i in range(3)]
@@ -85,7 +87,7 @@ def tree(rng: np.random.Generator, count: int) -> Part:
 
 
 def bark(rng: np.random.Generator, count: int, wood: np.ndarray) -> Part:
-    """Splats on the mantle of the segments `wood` [M, 8], stretched along them."""
+    """Splats on the surface of the segments `wood` [M, 8], stretched along them."""
     start, end, thick = wood[:, :3], wood[:, 3:6], wood[:, 6:]
     length = np.linalg.norm(end - start, axis=1)
     number = share_out(count, length * (thick.mean(axis=1) + 0.004))
@@ -105,7 +107,7 @@ def bark(rng: np.random.Generator, count: int, wood: np.ndarray) -> Part:
 
 
 def leaves(rng: np.random.Generator, count: int, twigs: np.ndarray) -> Part:
-    """Leaves about the segments `twigs` [M, 8]: pointed disks, most of them see-through."""
+    """Leaves around the segments `twigs` [M, 8]: oval disks, about half of them translucent."""
     base = min(count, LEAVES_MOST)
     twig = twigs[rng.integers(len(twigs), size=base)]
     share = rng.uniform(0.1, 1.15, (base, 1))
@@ -130,10 +132,11 @@ def leaves(rng: np.random.Generator, count: int, twigs: np.ndarray) -> Part:
 def leaf_balls(
     rng: np.random.Generator, count: int, balls: np.ndarray, leaf: float, flat: float
 ) -> Part:
-    """Round crowns of leaves with big dark splats inside, so that nobody sees through.
+    """Round crowns of leaves, with big dark splats inside that make them opaque.
 
-    `balls` [B, 5] holds x, z, radius, height over width, share of the leaves. `leaf` is the size
-    of a splat over √(ball surface / splats of the ball), `flat` its thickness over its size.
+    balls: [B, 5] x, z, radius, height over width, share of the leaves
+    leaf: size of a splat over √(ball surface / splats of the ball)
+    flat: thickness of a splat over its size
     """
     layout = np.random.default_rng(rng.integers(2**32))
     number = share_out(count, balls[:, 4])

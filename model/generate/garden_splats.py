@@ -1,7 +1,7 @@
-"""Building blocks of the garden: unlit Gaussians, joined, shared out and made finer.
+"""Building blocks of the garden: unlit Gaussians; joining, distributing and refining them.
 
 Everything is in the PLY frame of 3DGS (y points down), so a height h is y = −h. Functions are
-vectorised over N points and draw from the generator that they are given, nothing else.
+vectorised over N points, and random only by the generator that they are given.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -17,10 +17,10 @@ class Part:
     scale: np.ndarray  # [N, 3] standard deviations along the frame's axes, scene units
     frame: np.ndarray  # [N, 3, 3] rotation; column 0 runs along the splat, column 2 is the normal
     opacity: np.ndarray  # [N] in [0, 1]
-    albedo: np.ndarray  # [N, 3] linear RGB; what a `glow` splat shows as it is
+    albedo: np.ndarray  # [N, 3] linear RGB
     gloss: np.ndarray  # [N] strength of the sun's reflection, in display units
     leafy: np.ndarray  # [N] 0 (solid, lit from its normal's side) … 1 (light passes through)
-    glow: np.ndarray  # [N] bool: shows its albedo whatever the light (sky)
+    glow: np.ndarray  # [N] bool: shows its albedo regardless of the light (sky)
 
     def __len__(self) -> int:
         return len(self.position)
@@ -30,7 +30,7 @@ class Part:
 
 
 def splats(position, scale, frame, opacity, albedo, gloss=0.0, leafy=0.0, glow=False) -> Part:
-    """A Part of len(position) Gaussians; every other argument is broadcast to that number."""
+    """A `Part` of len(position) Gaussians; the other arguments are broadcast to that number."""
     count = len(position)
     shapes = ((3,), (3,), (3, 3), (), (3,), (), ())
     values = zip((position, scale, frame, opacity, albedo, gloss, leafy), shapes, strict=True)
@@ -44,11 +44,11 @@ def join(parts: list[Part]) -> Part:
 
 
 def refine(rng: np.random.Generator, part: Part, count: int) -> Part:
-    """`count` Gaussians that together look like `part`: each is replaced by smaller ones.
+    """Replace the Gaussians of a part by `count` smaller ones that together look alike.
 
-    A Gaussian with k copies becomes k draws from it, each 1/√k as large, so that the mixture keeps
-    the variance of the original; draws stay within 1.6 standard deviations to keep edges crisp.
-    Fewer than len(part) leaves out the tail of `part`.
+    A Gaussian is replaced by k samples from it, each 1/√k as large, so that the mixture keeps the
+    original's variance. Samples stay within 1.6 standard deviations, which keeps edges crisp. If
+    `count` is below len(part), the tail of the part is dropped.
     """
     if count <= len(part):
         return part[:count]
@@ -67,7 +67,7 @@ def quaternions(frame: np.ndarray) -> np.ndarray:
     """Unit quaternions [N, 4] (w, x, y, z) of rotations [N, 3, 3].
 
     The rows of the symmetric matrix 4·q·qᵀ are multiples of q; the row with the largest diagonal
-    element is the one without cancellation (Shepperd 1978).
+    element is free of cancellation (Shepperd 1978).
     """
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(frame, 0, 2)
     rows = [
@@ -83,14 +83,16 @@ def quaternions(frame: np.ndarray) -> np.ndarray:
 
 
 def deal(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For `number` [M] of splats on each of M things: which thing each splat is on, and its rank
-    there, both [sum of `number`]."""
+    """Assign splats to M objects in order; `number` [M]: splats of each object.
+
+    Returns the object of each splat, and its rank there, both [sum of `number`].
+    """
     which = np.repeat(np.arange(len(number)), number)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
 
 
 def share_out(count: int, weight: np.ndarray) -> np.ndarray:
-    """Integers [len(weight)] that sum to `count`, in proportion to `weight` (largest remainder)."""
+    """Divide `count` in proportion to `weight` [M] into integers [M] (largest remainder method)."""
     weight = np.asarray(weight, np.float64)
     exact = count * weight / weight.sum()
     whole = np.floor(exact).astype(np.int64)

@@ -1,7 +1,6 @@
 """Generated scenes by name: the garden and the hard cases.
 
-The garden is a small outdoor scene made of Gaussians only: the project's own test scene, of any
-size.
+The garden is the project's own test scene: a small outdoor scene of any number of Gaussians.
 """
 
 from dataclasses import replace
@@ -37,27 +36,28 @@ PARTS = {
     "sky": (sky, 0.04),
     "hills": (hills, 0.010),
 }
-"""Name → (function of a generator and a count, share of the Gaussians), in storage order."""
+"""Part → (function of a random generator and a count, share of the Gaussians), in storage order."""
 
 
 def part_counts(count: int) -> dict[str, int]:
-    """Part of the garden → its number of `count` Gaussians; the parts follow one another."""
+    """Part of the garden → its number of Gaussians, of `count` in all, in storage order."""
     return dict(zip(PARTS, share_out(count, [s for _, s in PARTS.values()]).tolist(), strict=True))
 
 
 def garden(count: int = 20_000, seed: int = 0) -> Scene:
-    """A garden of exactly `count` ≥ 1 Gaussians, SH degree 1, in the PLY frame of 3DGS.
+    """Generate a garden of exactly `count` Gaussians, SH degree 1, in the PLY frame of 3DGS.
 
-    y points down, the ground lies near y = 0, the objects within about 4 units of the origin, the
-    sky at 160. The result depends on (count, seed) only: each part draws from
-    numpy.random.default_rng([seed, index of the part]). `seed` changes details, not the plan.
-    Shares of the parts hold for every count; splats shrink as count grows.
+    y points down, the ground is near y = 0, objects are within about 4 units of the origin, the sky
+    is 160 units away. The result depends on (count, seed) only: each part uses
+    numpy.random.default_rng([seed, index of the part]). The seed changes details, not the plan. The
+    parts' shares are the same for every count; splats shrink as the count grows.
+
     Raises InputError for a count below 1 or a negative seed.
     """
     if count < 1:
-        raise InputError(f"garden: count {count} is not ≥ 1")
+        raise InputError(f"garden: count {count} is below 1")
     if seed < 0:
-        raise InputError(f"garden: seed {seed} is not ≥ 0")
+        raise InputError(f"garden: seed {seed} is below 0")
     counts = enumerate(part_counts(count).items())
     parts = [PARTS[name][0](np.random.default_rng([seed, k]), n) for k, (name, n) in counts if n]
     whole = join(parts)
@@ -66,22 +66,24 @@ def garden(count: int = 20_000, seed: int = 0) -> Scene:
 
 
 def garden_camera(width: int = 960, height: int = 540) -> Camera:
-    """The garden seen from the path at eye height; about 58° wide at any size."""
+    """A camera on the garden's path at eye height; about 58° wide at any size."""
     eye, target = np.array([0.3, -1.45, -5.5]), np.array([0.0, -1.08, 0.0])
     return look_at(eye, target, width, height, focal=0.9 * width, name="garden")
 
 
 def generate(name: str, count: int | None = None, seed: int = 0) -> Scene:
-    """The generated scene `name`, with its name set; the same arguments give the same arrays.
+    """Generate the scene `name`; the same arguments give the same arrays.
 
-    Raises InputError for an unknown name, a count that is not in 1 … 20 million or that the
-    scene does not take, and a negative seed.
+    count: number of Gaussians, 1 … 20 million; only for the garden
+
+    Raises InputError for an unknown name, a count out of range or for another scene, and a negative
+    seed.
     """
     _check_name(name)
     if count is not None and not 1 <= count <= COUNT_MAX:
         raise InputError(f"count: {count} is not in 1 … {COUNT_MAX}")
     if seed < 0:
-        raise InputError(f"seed: {seed} is not ≥ 0")
+        raise InputError(f"seed: {seed} is below 0")
     if name == "garden":
         return garden(GARDEN_COUNT if count is None else count, seed)
     if count is not None:
@@ -90,10 +92,11 @@ def generate(name: str, count: int | None = None, seed: int = 0) -> Scene:
 
 
 def generated_camera(name: str, width: int | None = None, height: int | None = None) -> Camera:
-    """The camera that goes with the generated scene `name`.
+    """The camera of the generated scene `name`.
 
-    Without a size it is the scene's own (960×540 for the garden); another size shows the same
-    view, scaled. Raises InputError for an unknown name or a size out of range.
+    width, height: pixels (default: the scene's own size, 960×540 for the garden); another size
+        shows the same view, scaled
+    Raises InputError for an unknown name or a size out of range.
     """
     _check_name(name)
     camera = garden_camera() if name == "garden" else HARD[name](0).camera
@@ -105,4 +108,4 @@ def generated_camera(name: str, width: int | None = None, height: int | None = N
 
 def _check_name(name: str) -> None:
     if name not in GENERATORS:
-        raise InputError(f"no generated scene {name!r}; there are {', '.join(GENERATORS)}")
+        raise InputError(f"no generated scene {name!r}; choose one of {', '.join(GENERATORS)}")

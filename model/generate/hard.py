@@ -1,9 +1,8 @@
-"""The hard cases by name: small scenes that each sit on a corner where renderers go wrong.
+"""The hard cases by name: small scenes, each with a corner case where renderers go wrong.
 
-First those of antialiased scenes (`hard_antialiased`), of splats that are too faint to be seen
-(`hard_faint`) and of harmonics (`hard_harmonics`), then those of shape and place (axis ratios,
-sizes, depths, lists, coordinates), then those of value and size (opacities, transmittance, colours,
-odd file content, odd images).
+The order is: antialiased scenes (`hard_antialiased`), faint splats (`hard_faint`), harmonics
+(`hard_harmonics`); shape and place (axis ratios, sizes, depths, lists, coordinates); values
+(opacities, transmittance, colours, unusual file content); picture sizes.
 """
 
 from dataclasses import replace
@@ -47,7 +46,7 @@ FAR_CAMERA = look_at(FAR_EYE, FAR_PLACE, WIDTH, HEIGHT, FOCAL, name="far")
 GRID = 4  # pixels between neighbours of a grid of pixel centres
 
 TINY = 1e-9
-"""Standard deviation, scene units, that the blur swamps: alpha at the centre is the opacity."""
+"""Standard deviation, scene units, far below the blur: alpha at the centre is the opacity."""
 
 LAYER_ALPHA = 0.9  # opacity of each of the three layers that bring T to about 1e-3
 
@@ -132,7 +131,7 @@ def far_from_origin(rng: np.random.Generator) -> Scene:
 
 
 def _dots(u: np.ndarray, v: np.ndarray, depth: np.ndarray, opacity: np.ndarray) -> Scene:
-    """Round dots exactly at pixel centres (powers of two: no rounding on the way there)."""
+    """Round dots exactly at pixel centres, without rounding errors if `depth` is a power of two."""
     count = len(opacity)
     identity = np.tile([1.0, 0, 0, 0], (count, 1))
     sh = sh_of_colour(np.full((count, 3), 0.75))

@@ -21,11 +21,11 @@ PIXEL = DEPTH / FOCAL
 
 LONG, THIN = 500.0, (0.001, 0.02)  # standard deviations of needles in pixels
 
-EDGE = 0.3  # how far from 1/255 compensated opacities are, as a part of it
+EDGE = 0.3  # largest relative deviation of compensated opacities from 1/255
 
 
 def marked(scene: Scene) -> Scene:
-    """The scene as one trained with antialiasing."""
+    """The scene, marked as trained with antialiasing."""
     return replace(scene, antialiased=True)
 
 
@@ -75,4 +75,4 @@ def antialiased_whole(rng: np.random.Generator) -> Scene:
 
 
 ANTIALIASED = tuple(name for name in HARD if name.startswith("antialiased_"))
-"""Names of these cases: machines that do not compensate refuse them."""
+"""Names of these cases; machines without compensation refuse them."""

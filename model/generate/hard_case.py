@@ -1,4 +1,4 @@
-"""Shared by the hard cases: their table and record, the camera, Gaussians spread over a view."""
+"""Common parts of the hard cases: their table, the camera, Gaussians spread over a view."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,33 +11,33 @@ from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import ARRAYS, Scene
 
 WIDTH, HEIGHT = 64, 48
-"""Pixels of a hard case unless its size is the point: few tiles, so that RTL runs in minutes."""
+"""Picture size of most hard cases, pixels: few tiles, so that RTL simulation takes minutes."""
 
-FOCAL = 64.0  # pixels. A power of two, so that pixel centres have exact world coordinates.
-DEPTH = 4.0  # depth of what has no reason to lie elsewhere, scene units
-TILE_CORNER = 16  # the cases about one tile fill the one whose first pixel is (16, 16)
+FOCAL = 64.0  # pixels; a power of two, so that pixel centres have exact world coordinates
+DEPTH = 4.0  # default depth of Gaussians, scene units
+TILE_CORNER = 16  # cases of a single tile fill the tile with the first pixel (16, 16)
 
 PSNR_MIN = 52.0
-"""dB of a machine's 8-bit picture against the reference on the same packed model under the
-machine's rule for what is too faint to be seen, at least."""
+"""Minimum PSNR, dB, of a machine's 8-bit picture against the reference on the same packed model,
+which applies the machine's faintness rule."""
 
 
 @dataclass(frozen=True, eq=False)
 class HardCase:
-    """A scene that a renderer may stumble over, and the camera that sees the corner."""
+    """A scene with a corner case that renderers may get wrong, and the camera that shows it."""
 
     scene: Scene
     camera: Camera
-    about: str  # what the corner is and why it is hard, one line
-    packing_db: float | None = None  # dB against the scene that packing keeps at least, if bounded
+    about: str  # the corner case and why it is hard, one line
+    packing_db: float | None = None  # minimum PSNR after packing, dB against the scene, if bounded
 
 
 HARD: dict[str, Callable[[int], HardCase]] = {}
-"""Name → function of a seed that returns the case; the same seed gives the same case."""
+"""Name → function of a seed that returns the case, deterministically."""
 
 
 def straight_camera(width: int = WIDTH, height: int = HEIGHT) -> Camera:
-    """At the origin, looking along +z: camera space is world space, bit for bit."""
+    """A camera at the origin, looking along +z: camera space is world space, bit for bit."""
     eye, origin = np.eye(3), np.zeros(3)
     return Camera(width, height, FOCAL, FOCAL, width / 2, height / 2, eye, origin, "straight")
 
@@ -45,7 +45,7 @@ def straight_camera(width: int = WIDTH, height: int = HEIGHT) -> Camera:
 def hard_case(
     about: str, camera: Camera | None = None, packing_db: float | None = None
 ) -> Callable:
-    """Decorates a function of a generator that returns a scene: it becomes the case of its name."""
+    """Decorator: enter a function of a random generator that returns a scene as a hard case."""
 
     def enter(build: Callable[[np.random.Generator], Scene]) -> Callable[[int], HardCase]:
         def case(seed: int = 0) -> HardCase:
@@ -74,9 +74,10 @@ def sh_of_colour(colour: np.ndarray) -> np.ndarray:
 
 
 def spread(rng: np.random.Generator, count: int, depth=DEPTH, pixels=(0.5, 4.0)) -> Scene:
-    """Unremarkable Gaussians all over the view of the 64×48 straight camera.
+    """Ordinary Gaussians all over the view of the 64×48 straight camera.
 
-    `depth` is a number or [count], `pixels` the range of the standard deviations on screen.
+    depth: number or [count], scene units
+    pixels: range of the standard deviations on screen
     """
     depth = np.broadcast_to(np.asarray(depth, np.float64), count)
     u, v = rng.uniform(0, WIDTH - 1, count), rng.uniform(0, HEIGHT - 1, count)
@@ -88,12 +89,12 @@ def spread(rng: np.random.Generator, count: int, depth=DEPTH, pixels=(0.5, 4.0))
 
 
 def in_one_tile(rng: np.random.Generator, scene: Scene, depth: np.ndarray) -> Scene:
-    """`scene` with its centres moved into the tile at (16, 16), to `depth` [N]."""
+    """Move the centres of a scene's Gaussians into the tile at (16, 16), at `depth` [N]."""
     u, v = rng.uniform(TILE_CORNER, TILE_CORNER + 15, (2, len(scene)))
     return replace(scene, position=behind_pixel(u, v, depth))
 
 
 def together(*scenes: Scene) -> Scene:
-    """One scene of all Gaussians of `scenes`, in order; their SH degrees and marks are equal."""
+    """Join the Gaussians of scenes, in order; SH degrees and marks must be equal."""
     joined = {name: np.concatenate([getattr(s, name) for s in scenes]) for name in ARRAYS}
     return replace(scenes[0], **joined)

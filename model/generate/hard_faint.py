@@ -1,4 +1,4 @@
-"""Hard cases of what is too faint to be seen: much of it, one behind the other."""
+"""Hard cases of faint splats: many of them, one behind the other."""
 
 from dataclasses import replace
 
@@ -19,14 +19,14 @@ from splatcore.spec.scene import Scene
 FOG, FOG_ALPHA = 5_000, 1.2 * ALPHA_MIN
 LAYERS = 92
 EACH, SHARE = 2.0**-11, (0.95, 1.05)
-"""What is just too faint of T, and what a black and a white layer take of it."""
+"""Decrease of T that is just too faint, and the shares of it of a black and of a white layer."""
 
-DIM = 0.9, 0.7  # opacities of layers that bring T to 0.03, just below 1/32
+DIM = 0.9, 0.7  # opacities of two layers that reduce T to 0.03, just below 1/32
 WIDE = 20.0  # standard deviations of a layer, in widths of the view
 
 
 def layers(colours: np.ndarray, opacity: np.ndarray, depth: np.ndarray) -> Scene:
-    """Splats far larger than the view, one behind the other, each of a colour [N, 3]."""
+    """Splats far larger than the view, one behind the other, with colours [N, 3]."""
     count = len(depth)
     place = behind_pixel((WIDTH - 1) / 2, (HEIGHT - 1) / 2, depth)
     scale = np.tile(WIDE * depth[:, None], (1, 3)) * [1, 1, 1e-4]

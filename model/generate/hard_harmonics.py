@@ -1,5 +1,5 @@
-"""Hard cases of colour: harmonics of degree 3 where number formats and steps go wrong, each with a
-bound on what packing loses."""
+"""Hard cases of colour: harmonics of degree 3 that number formats and steps may get wrong, each
+with a bound on the loss of packing."""
 
 from dataclasses import replace
 
@@ -20,15 +20,15 @@ from splatcore.spec.scene import Scene, sh_count
 
 COUNT = 300
 DEPTHS = 0.75 * DEPTH, 1.5 * DEPTH
-FAR_DEPTHS = 1.75 * DEPTH, 1.9 * DEPTH  # of all beyond the first chunk: places order them last
-LARGEST, OUTLIER = 0.01, 10.0  # of the coefficients of a chunk; of one of them
-SWING = 1.25  # of the colour about ½ over the sphere: from −2 to 3, two deviations each way
+FAR_DEPTHS = 1.75 * DEPTH, 1.9 * DEPTH  # of the second chunk, which is stored last
+LARGEST, OUTLIER = 0.01, 10.0  # largest coefficient of a chunk, and that of its outlier
+SWING = 1.25  # standard deviation of colours around ½ over the sphere; two of them: −2 … 3
 
 ASIDE = look_at([3.1, -2.3, 1.2], [0.0, 0.0, DEPTH], WIDTH, 48, FOCAL, name="aside")
 
 
 def _harmonics(rng: np.random.Generator, deviation: float) -> np.ndarray:
-    """SH [COUNT, 16, 3] whose colours have that deviation about ½ over the sphere."""
+    """SH [COUNT, 16, 3] whose colours have that standard deviation around ½ over the sphere."""
     sh = np.zeros((COUNT, sh_count(SH_DEGREE_MAX), 3))
     sh[:, 1:] = rng.normal(size=(COUNT, len(sh[0]) - 1, 3))
     # The basis is orthonormal: the mean square over the sphere is Σ coefficient² / 4π.
@@ -37,8 +37,8 @@ def _harmonics(rng: np.random.Generator, deviation: float) -> np.ndarray:
 
 
 def _layers(rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
-    """Unremarkable Gaussians and the mask of those in the second chunk. No two are equally deep:
-    the order of storage, which packing changes, does not show."""
+    """Ordinary Gaussians, and the mask of the second chunk. All depths differ, so that the order of
+    storage, which packing changes, does not matter."""
     ends = (*DEPTHS, CHUNK), (*FAR_DEPTHS, COUNT - CHUNK)
     depth = rng.permutation(np.concatenate([np.linspace(*end) for end in ends]))
     return spread(rng, COUNT, depth), depth >= FAR_DEPTHS[0]

@@ -3,20 +3,21 @@
 import numpy as np
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-"""Turn between neighbours of Vogel's sunflower spiral, radians."""
+"""Angle between successive points of Vogel's sunflower spiral, radians."""
 
 PLASTIC = 1.32471795724474602596
 """Root of x³ = x + 1: the step of the two-dimensional low-discrepancy sequence of M. Roberts."""
 
 COVER = 0.74
-"""Standard deviation over spacing at which opaque splats on a sunflower spiral close a surface."""
+"""Standard deviation over spacing with which opaque splats on a sunflower spiral leave no holes."""
 
 
 def sunflower(count: int, core: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a disk that thin out as (1 + r²/core²)^−1.5: plane coordinates [count, 2] and the
-    spacing there [count]. `core` and `radius` in scene units.
+    """Points of a disk, evenly spread by Vogel's spiral with density (1 + r²/core²)^−1.5.
 
-    Low discrepancy (Vogel's spiral): splats of COVER·spacing leave no hole.
+    core, radius: scene units
+    Returns plane coordinates [count, 2] and the local spacing [count]; splats of standard deviation
+    COVER·spacing leave no holes.
     """
     u = (np.arange(count) + 0.5) / count
     within = 1 - (1 + (radius / core) ** 2) ** -0.5
@@ -34,9 +35,10 @@ def even_pairs(count: int) -> np.ndarray:
 
 
 def noise(x: np.ndarray, z: np.ndarray, seed: int, octaves: int = 3) -> np.ndarray:
-    """Smooth noise in [0, 1] of plane coordinates in cells (broadcastable arrays).
+    """Smooth noise in [0, 1] at plane coordinates, in units of cells (broadcastable arrays).
 
-    Value noise on a 64×64 lattice that repeats; each octave has half the cell and half the weight.
+    Value noise on a repeating 64×64 lattice; each octave has half the cell size and half the
+    weight of the one before.
     """
     table = np.random.default_rng(seed).random((64, 64))
     total = np.zeros(np.broadcast(x, z).shape)

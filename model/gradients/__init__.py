@@ -1,4 +1,4 @@
-"""Rendering with gradients and fine-tuning. All but `drawn` needs the extra [compress] (PyTorch).
+"""Rendering with gradients, and fine-tuning. Needs the extra [compress] (PyTorch), except `drawn`.
 
 May import: spec, model.formats.
 """

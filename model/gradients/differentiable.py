@@ -1,7 +1,7 @@
-"""Differentiable rendering: Gaussians as torch tensors to a picture, with gradients.
+"""Differentiable rendering: Gaussians as torch tensors in, a picture with gradients out.
 
-On a CUDA device `gsplat` rasterizes; on a CPU the numba kernels beside this file do. Both follow
-`spec.convention`, as far as gsplat has a switch for it (see `_render_cuda`).
+`gsplat` rasterizes on a CUDA device, the numba kernels of this folder on a CPU. Both follow
+`spec.convention`, gsplat as far as its options allow (see `_render_cuda`).
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from splatcore.spec.convention import SPLATCORE, Convention
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """A picture and the Gaussians in it."""
+    """A picture, and which Gaussians are in it."""
 
     image: torch.Tensor  # [H, W, 3] RGB, not clipped
     transmittance: torch.Tensor  # [H, W]
@@ -35,13 +35,17 @@ def render(
     convention: Convention = SPLATCORE,
     antialiased: bool = False,
 ) -> Rendered:
-    """Render Gaussians: position [N, 3], factor [N, 3, 3] (Σ = A·Aᵀ), opacity [N], harmonics
-    [N, (degree+1)², 3], all of one floating type and device, in which everything is computed.
+    """Render Gaussians; all tensors have one floating type and device, used for all computation.
 
-    `shift` [N, 2] (pixels) moves the splats' centres; its gradient is that of the centres, which
-    densification looks at. Gradients are zero where alpha or a colour is clamped, and do not know
-    that a pixel may pass 1/255 or end: as everywhere in 3DGS. `antialiased`: opacities are
-    compensated for the blur, as those of `spec.scene.Gaussians` with this mark.
+    position: [N, 3] scene units
+    factor: [N, 3, 3] A, with covariance A·Aᵀ
+    opacity: [N]
+    sh: [N, (degree+1)², 3] harmonics
+    shift: [N, 2] pixels, added to the splats' centres; densification needs its gradient
+    antialiased: compensate opacities for the blur, as for `spec.scene.Gaussians` with this mark
+
+    As in 3DGS, gradients are zero where alpha or a colour is clamped, and ignore the thresholds at
+    which a splat is skipped or a pixel ends.
     """
     if shift is None:
         shift = torch.zeros_like(position[:, :2])
@@ -60,10 +64,12 @@ def render(
 
 
 def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antialiased):
-    """gsplat's picture. Of the convention it takes the blur; its alpha is clamped at
-    0.999, its splats end at 3.33 standard deviations, and its Jacobian's limits differ for a
-    principal point off the centre. Its compensation takes the determinant as a difference in
-    float32, which is rough for needles. Its centres' gradient goes to `shift`, which must be zero.
+    """Render by gsplat; the gradient of the splats' centres goes to `shift`, which must be zero.
+
+    Of the convention, gsplat follows only the blur. It clamps alpha at 0.999, cuts splats at 3.33
+    standard deviations, and limits the Jacobian differently if the principal point is off centre.
+    For the compensation it computes the determinant as a difference in float32, which is inexact
+    for needles.
     """
     from gsplat import rasterization
 
@@ -85,15 +91,15 @@ def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antia
 
 
 class _Render(torch.autograd.Function):
-    """The numba kernels as an operation of torch."""
+    """The numba kernels as a torch operation; `on_visible` is called with the visible indices."""
 
     @staticmethod
     def forward(
-        context, position, factor, opacity, sh, shift, camera, convention, antialiased, tell
+        context, position, factor, opacity, sh, shift, camera, convention, antialiased, on_visible
     ):  # fmt: skip
         arrays = [tensor.detach().numpy() for tensor in (position, factor, opacity, sh, shift)]
         drawn = Drawn(arrays, camera, convention, antialiased)
-        tell(drawn.index)
+        on_visible(drawn.index)
         context.save_for_backward(position, factor, sh)
         context.drawn = drawn
         image = np.stack([to_image(drawn.colour[:, k], camera) for k in range(3)], axis=2)

@@ -1,4 +1,4 @@
-"""A picture by the numba kernels, with what its gradients need; without PyTorch."""
+"""A picture rendered by the numba kernels, with the data for its gradients; without PyTorch."""
 
 from collections.abc import Iterable, Iterator
 
@@ -13,10 +13,15 @@ from splatcore.spec.scene import Gaussians
 
 
 class Drawn:
-    """A picture by the kernels, with all that its gradients need. `antialiased`: opacities are
-    compensated for the blur."""
+    """A picture rendered by the kernels, with the data for its gradients.
+
+    colour: [tiles, 3, 16, 16] over black
+    state: transmittances, and each pixel's last entry, [tiles, 16, 16]
+    index: [M] the visible Gaussians, in depth order
+    """
 
     def __init__(self, arrays, camera: Camera, convention: Convention, antialiased: bool):
+        """Render arrays (position, factor, opacity, sh, shift); see `differentiable.render`."""
         self.camera = camera
         self.view = rendering_points.view_numbers(camera, convention, antialiased)
         self.splats, self.index = _project(arrays, self.view)
@@ -27,13 +32,13 @@ class Drawn:
         self.blended = self.splats, lists, *size, limits, self.state
 
     def backward(self, to_colour: np.ndarray, to_rest: np.ndarray) -> np.ndarray:
-        """Gradients [M, 9] of the splats from those of colours and transmittances by tiles."""
+        """Gradients [M, 9] by the splats, from gradients by colour and transmittance in tiles."""
         return rendering_tiles.blend_backward(*self.blended, to_colour, to_rest)
 
 
 def _project(arrays, view) -> tuple[np.ndarray, np.ndarray]:
-    """The visible splats in depth order and their Gaussians' indices."""
-    arrays = [np.ascontiguousarray(array) for array in arrays]  # else each layout is compiled
+    """The visible splats [M, 12] in depth order, and the indices [M] of their Gaussians."""
+    arrays = [np.ascontiguousarray(array) for array in arrays]  # numba compiles for each layout
     position = arrays[0]
     splats = np.empty((len(position), 12), position.dtype)
     depth = np.empty(len(position), np.float64)
@@ -44,14 +49,14 @@ def _project(arrays, view) -> tuple[np.ndarray, np.ndarray]:
 
 
 def to_image(tiles: np.ndarray, camera: Camera) -> np.ndarray:
-    """[tiles, 16, 16] to [H, W]."""
+    """Convert [tiles, 16, 16] to [H, W]."""
     rows, columns = -(-camera.height // TILE), -(-camera.width // TILE)
     whole = tiles.reshape(rows, columns, TILE, TILE).swapaxes(1, 2)
     return whole.reshape(rows * TILE, columns * TILE)[: camera.height, : camera.width].copy()
 
 
 def to_tiles(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """[H, W] to [tiles, 16, 16], with zeros beyond the image."""
+    """Convert [H, W] to [tiles, 16, 16], with zeros outside the image."""
     rows, columns = -(-camera.height // TILE), -(-camera.width // TILE)
     whole = np.zeros((rows * TILE, columns * TILE), image.dtype)
     whole[: camera.height, : camera.width] = image
@@ -62,10 +67,11 @@ def to_tiles(image: np.ndarray, camera: Camera) -> np.ndarray:
 def blending_weights(
     gaussians: Gaussians, cameras: Iterable[Camera], kind: type = np.float32
 ) -> Iterator[np.ndarray]:
-    """Contribution of each Gaussian to each view [N]: Σ over the pixels of alpha·T, computed in
-    the floating type `kind`.
+    """Yield, for each view, the contribution [N] of each Gaussian: Σ alpha·T over the pixels.
 
-    It is the gradient, by the colours, of the sum of a picture in which every splat is white.
+    kind: floating type of the computation
+
+    Computed as the gradient, by the splats' red, of the sum of all red pixel values.
     """
     arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh[:, :1])
     with np.errstate(over="ignore"):  # Gaussians with Inf are not drawn

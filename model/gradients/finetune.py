@@ -1,4 +1,4 @@
-"""Fine-tuning: Adam on the parameters of a scene until its pictures are those it should have."""
+"""Fine-tuning: Adam on a scene's parameters, so that its pictures match their targets."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
@@ -12,22 +12,24 @@ from splatcore.model.gradients.trainable import Optimizers, Tensors, rendered
 from splatcore.model.gradients.unfinished import KEEP_EVERY, Unfinished
 from splatcore.spec.error import InputError
 
-Tell = Callable[[str, int, int, float | None], None]
-"""Progress callback: activity, steps done, steps in all, mean loss of the last steps."""
+Progress = Callable[[str, int, int, float | None], None]
+"""Progress callback: phase, steps done, steps in all, mean recent loss (None: no loss yet)."""
 
 WARM_UP = 10
-"""Steps in which the learning rates rise: Adam's first steps are as long as its longest."""
+"""Steps over which the learning rates rise, because Adam's first steps are as long as any later."""
 
-LAPS = 4  # over the views, after which these are shuffled from a new order
+LAPS = 4  # rounds over the views before a new random order is drawn
 
-FLOOR = 1e-10  # of the mean squared error, at whose root the gradient would be infinite
+FLOOR = 1e-10  # added to the mean squared error, whose root has an infinite gradient at 0
 
 SMOOTHING = 0.95  # weight of the past in the moving average of the loss
 
 
 def views_in_turn(targets: Sequence, seed: int) -> Iterator:
-    """The targets in random order, the same for the same seed: all before one of them comes
-    again; of views that came again and again the last would be learned, the first forgotten."""
+    """Yield the targets endlessly in random order, deterministic for a seed.
+
+    Each round covers all targets, so that none is forgotten while others are repeated.
+    """
     rng = np.random.default_rng(seed)
     while True:
         order = rng.permutation(len(targets))
@@ -37,13 +39,14 @@ def views_in_turn(targets: Sequence, seed: int) -> Iterator:
 
 
 def as_tensor(image: np.ndarray, like: torch.Tensor) -> torch.Tensor:
-    """A uint8 image [H, W, 3] as numbers 0 … 1."""
+    """A uint8 image [H, W, 3] as a tensor of values 0 … 1, with type and device of `like`."""
     return torch.from_numpy(image).to(like.device).to(like.dtype) / 255
 
 
 def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-    """Root of the mean squared error of a picture, clipped as the 8-bit one is; PSNR is its
-    logarithm. With the paper's pure L1 a capture loses 0.3 dB more (docs/compression.md).
+    """Root mean squared error of a picture, clipped like its 8-bit version; PSNR is its logarithm.
+
+    With the paper's pure L1 loss a capture is 0.3 dB worse (docs/compression.md).
     """
     return ((picture.clamp(0, 1) - wanted).square().mean() + FLOOR).sqrt()
 
@@ -52,16 +55,19 @@ def optimise(
     optimizers: Optimizers,
     steps: int,
     loss_of: Callable[[int], torch.Tensor],
-    tell: Tell,
-    what: str,
+    progress: Progress,
+    phase: str,
     left: float,
     kept: Unfinished | None = None,
 ) -> float | None:
-    """`steps` steps of Adam with learning rates that rise, then fall by the same share a step until
-    the share `left`; returns the mean loss lately.
+    """Take `steps` steps of Adam; return the mean recent loss.
 
-    `loss_of` a step is its loss. Goes on after the steps that `kept` has a state of. InputError,
-    saying at which step, if the loss is NaN or infinite: the parameters are not changed by it.
+    loss_of: the loss of a step
+    phase: name for `progress` and for messages
+    left: final share of the learning rates, which rise during warm-up and then decay exponentially
+    kept: saved state to resume from, and to save to
+
+    Raises InputError naming the step if the loss is NaN or infinite; that step changes nothing.
     """
     falling = left ** (1 / max(steps, 1))
     full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
@@ -70,7 +76,7 @@ def optimise(
         loss = loss_of(step)
         value = float(loss.detach())
         if not np.isfinite(value):
-            raise InputError(f"{what}: the loss is {value} at step {step + 1} of {steps}")
+            raise InputError(f"{phase}: the loss is {value} at step {step + 1} of {steps}")
         loss.backward()
         for name, optimizer in optimizers.items():
             rise = min((step + 1) / WARM_UP, 1.0)
@@ -78,7 +84,7 @@ def optimise(
             optimizer.step()
             optimizer.zero_grad(set_to_none=True)
         mean = value if mean is None else SMOOTHING * mean + (1 - SMOOTHING) * value
-        tell(what, step + 1, steps, mean)
+        progress(phase, step + 1, steps, mean)
         if kept and (step + 1) % KEEP_EVERY == 0:
             kept.save(optimizers, step + 1, mean)
     return mean
@@ -90,17 +96,18 @@ def finetune(
     targets: Sequence[Target],
     steps: int,
     seed: int,
-    tell: Tell,
-    what: str,
+    progress: Progress,
+    phase: str,
     left: float,
     parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
     kept: Unfinished | None = None,
     antialiased: bool = False,
 ) -> float | None:
-    """Fit a scene to its targets by `difference`; returns the mean loss of the last steps.
+    """Fit a scene to its targets by `difference`; return the mean recent loss.
 
-    `parameters` makes of the tensors what is rendered; `left` and `kept` are those of `optimise`,
-    `antialiased` is the scene's.
+    progress, phase, left, kept: as for `optimise`
+    parameters: converts the tensors to arguments of `differentiable.render`
+    antialiased: the scene's mark
     """
     views = list(islice(views_in_turn(targets, seed), steps))
 
@@ -109,4 +116,4 @@ def finetune(
         picture = render(*parameters(tensors), camera, antialiased=antialiased).image
         return difference(picture, as_tensor(views[step].image, picture))
 
-    return optimise(optimizers, steps, loss_of, tell, what, left, kept)
+    return optimise(optimizers, steps, loss_of, progress, phase, left, kept)

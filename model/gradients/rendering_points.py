@@ -1,10 +1,10 @@
 """Projection of Gaussians to splats for optimisation, and its gradients, compiled by numba.
 
-The conventions are those of `spec.convention`; the formulas of the gradients are the chain rule on
-those of the reference renderer. With p = R·x + t, slopes s = p.xy / p.z, the Jacobian J and
-M = J·R·A (2×3) of a factor A, the splat's covariance is Σ = M·Mᵀ + blur and its conic K = Σ⁻¹, so
-dΣ = −K·dK·K, dM = 2·dΣ·M, dA = (J·R)ᵀ·dM. Opacities of antialiased scenes are multiplied by
-√(D / E) with D = det(M·Mᵀ) = |m₀ × m₁|² and E = det Σ. Parallel over Gaussians, each by one thread.
+Follows `spec.convention`; the gradients are the chain rule applied to the reference renderer's
+formulas. With p = R·x + t, slopes s = p.xy / p.z, the Jacobian J and M = J·R·A (2×3) of a factor A,
+the splat's covariance is Σ = M·Mᵀ + blur and its conic K = Σ⁻¹, so dΣ = −K·dK·K, dM = 2·dΣ·M,
+dA = (J·R)ᵀ·dM. Opacities of antialiased scenes are multiplied by √(D / E) with
+D = det(M·Mᵀ) = |m₀ × m₁|² and E = det Σ. Parallel over Gaussians, one thread for each.
 """
 
 import numpy as np
@@ -23,14 +23,14 @@ U, V, A, B, C, OPACITY, RED, GREEN, BLUE, REACH, WIDE, HIGH = range(12)
 form with alpha ≥ alpha_min, and the half sides (pixels) of the box around it."""
 
 FARTHEST = 1e18
-"""Pixels to a splat's centre and to its box's sides: their integers are below 2^63."""
+"""Limit on a splat's centre and the sides of its box, in pixels: as integers they fit in int64."""
 
-GRADIENTS = 9  # the first columns, those that the picture depends on smoothly
+GRADIENTS = 9  # columns with gradients: the first ones, on which the picture depends smoothly
 
 
 def view_numbers(camera: Camera, convention: Convention, antialiased: bool = False) -> np.ndarray:
-    """Camera and convention for the kernels, [28]: R, t, centre, intrinsics, limits, and whether
-    opacities are compensated for the blur."""
+    """Camera and convention as the vector [28] that the kernels read as `view`: R, t, centre,
+    intrinsics, limits, and whether opacities are compensated for the blur."""
     limit = convention.frustum_margin * np.array(camera.tan_half_fov)
     shift = convention.principal_point_shift + convention.pixel_centre
     return np.concatenate([
@@ -43,8 +43,8 @@ def view_numbers(camera: Camera, convention: Convention, antialiased: bool = Fal
 
 @njit(cache=True)
 def _projected(position, factor, view, point, slope, rows, m):
-    """Camera coordinates `point` [3], clamped `slope` [2], J·R in `rows` [2, 3], M in `m` [2, 3];
-    returns True if the Gaussian is in front of the near plane."""
+    """Compute camera coordinates `point` [3], clamped `slope` [2], J·R in `rows` [2, 3] and M in
+    `m` [2, 3]; return True if the Gaussian is beyond the near plane."""
     for i in range(3):
         point[i] = view[9 + i]
         for j in range(3):
@@ -77,10 +77,10 @@ def _cross(m):
 
 @njit(cache=True)
 def _conic(m, view, sigma, conic):
-    """Σ = M·Mᵀ + blur in `sigma` (xx, xy, yy), its inverse in `conic` (A, B, C); returns the factor
-    by which the opacity is compensated for the blur, 1 without antialiasing.
+    """Compute Σ = M·Mᵀ + blur in `sigma` (xx, xy, yy) and its inverse in `conic` (A, B, C); return
+    the factor that compensates the opacity for the blur, 1 without antialiasing.
 
-    The determinant is a sum of squares (Lagrange's identity): needles keep their digits.
+    The determinant is a sum of squares (Lagrange's identity), so needles keep their precision.
     """
     blur = view[22]
     xx = m[0, 0] ** 2 + m[0, 1] ** 2 + m[0, 2] ** 2
@@ -98,7 +98,7 @@ def _conic(m, view, sigma, conic):
 
 @njit(cache=True)
 def basis_of(x, y, z, count, basis):
-    """The first `count` harmonics in direction (x, y, z)."""
+    """Compute the first `count` harmonics in direction (x, y, z) in `basis`."""
     basis[0] = SH_C0
     if count > 1:
         basis[1], basis[2], basis[3] = -SH_C1 * y, SH_C1 * z, -SH_C1 * x
@@ -117,7 +117,7 @@ def basis_of(x, y, z, count, basis):
 
 @njit(cache=True)
 def basis_gradient(x, y, z, count, slope):
-    """Derivatives of the harmonics along x, y, z in `slope` [count, 3]."""
+    """Compute the derivatives of the harmonics along x, y, z in `slope` [count, 3]."""
     slope[:count] = 0.0
     if count > 1:
         slope[1, 1], slope[2, 2], slope[3, 0] = -SH_C1, SH_C1, -SH_C1
@@ -144,9 +144,9 @@ def basis_gradient(x, y, z, count, slope):
 
 @njit(parallel=True, cache=True)
 def project(position, factor, opacity, sh, shift, view, threads, splats, depth):
-    """Splats [N, 12] and depths [N] of all Gaussians; the depth of an invisible one is 0.
+    """Compute splats [N, 12] and depths [N] of all Gaussians; invisible ones get depth 0.
 
-    `shift` [N, 2] moves the centres (pixels).
+    shift: [N, 2] pixels, added to the centres
     """
     for thread in prange(threads):
         point, slope, rows, m = np.empty(3), np.empty(2), np.empty((2, 3)), np.empty((2, 3))
@@ -181,7 +181,7 @@ def project(position, factor, opacity, sh, shift, view, threads, splats, depth):
 
 @njit(cache=True)
 def _colour(position, sh, view, basis, splat):
-    """The splat's colour as seen from the camera."""
+    """Compute the splat's colour as seen from the camera."""
     x, y, z = position[0] - view[12], position[1] - view[13], position[2] - view[14]
     length = np.sqrt(x * x + y * y + z * z)
     basis_of(x / length, y / length, z / length, len(sh), basis)
@@ -197,9 +197,12 @@ def project_backward(
     index, position, factor, sh, view, splats, gradient, threads,
     to_position, to_factor, to_opacity, to_sh, to_shift,
 ):  # fmt: skip
-    """Gradients of Gaussians `index` [M] from those of their splats: `gradient` [M, 9].
+    """Compute gradients by the Gaussians `index` [M] from those by their splats.
 
-    `splats` [M, 12] are those that `project` made. The others' gradients are left as they are.
+    splats: [M, 12] from `project`
+    gradient: [M, 9]
+
+    Gradients of other Gaussians are left unchanged.
     """
     for thread in prange(threads):
         point, slope, rows, m = np.empty(3), np.empty(2), np.empty((2, 3)), np.empty((2, 3))
@@ -231,7 +234,7 @@ def project_backward(
 
 @njit(cache=True)
 def _covariance_backward(g, m, view, to_m):
-    """From the conic's gradient to that of M; returns the factor of the opacity."""
+    """Convert the conic's gradient to M's; return the factor that compensates the opacity."""
     compensation = _conic(m, view, to_m[0], to_m[1])
     a, b, c = to_m[1, 0], to_m[1, 1], to_m[1, 2]
     ga, gb, gc = g[A], g[B] / 2, g[C]
@@ -247,7 +250,7 @@ def _covariance_backward(g, m, view, to_m):
 
 @njit(cache=True)
 def _compensation_backward(pull, m, blur, to_m):
-    """Add to M's gradient that of f = √(D / E), `pull` being the loss's gradient by log f.
+    """Add the gradient of f = √(D / E) to M's; `pull` is the loss's gradient by log f.
 
     d log f = (dD / D − dE / E) / 2, where E − D = blur·(|m₀|² + |m₁|²) + blur² = B, so that
     1/D − 1/E = B / (D·E) needs no difference; dD by m₀ is 2·m₁ × (m₀ × m₁), by m₁ 2·(m₀ × m₁) × m₀.
@@ -268,7 +271,7 @@ def _compensation_backward(pull, m, blur, to_m):
 
 @njit(cache=True)
 def _shape_backward(rows, factor, slope, point, view, to_m, to_factor, toward):
-    """From the gradient of M to the factor's, and into that of the camera point."""
+    """Convert M's gradient to the factor's, and add to the camera point's."""
     for k in range(3):
         for j in range(3):
             to_factor[k, j] = rows[0, k] * to_m[0, j] + rows[1, k] * to_m[1, j]
@@ -290,7 +293,8 @@ def _shape_backward(rows, factor, slope, point, view, to_m, to_factor, toward):
 
 @njit(cache=True)
 def _colour_backward(g, splat, position, sh, view, basis, slopes, to_sh, to_position):
-    """From the colour's gradient to the harmonics', and through the direction to the position's."""
+    """Convert the colour's gradient to the harmonics', and, by the direction, add to the
+    position's."""
     count = len(sh)
     x, y, z = position[0] - view[12], position[1] - view[13], position[2] - view[14]
     length = np.sqrt(x * x + y * y + z * z)

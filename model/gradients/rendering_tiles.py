@@ -1,8 +1,8 @@
-"""Tiles for optimisation: lists, blending, and blending's gradients, compiled by numba.
+"""Tile lists, blending, and the gradients of blending for optimisation, compiled by numba.
 
-A tile is blended row by row, sixteen pixels side by side in one vector. Lists hold pairs that are
-numbered splat by splat, so a tile writes its pairs' gradients to places of their own and a splat's
-are summed in a fixed order: the result does not depend on the number of threads.
+A tile is blended row by row, with the sixteen pixels of a row in one vector. Pairs of splat and
+tile are numbered splat by splat. Each pair's gradients are written separately, then summed per
+splat in a fixed order, so the result does not depend on the number of threads.
 """
 
 import numba
@@ -27,16 +27,16 @@ from splatcore.model.gradients.rendering_points import (
 from splatcore.spec.convention import ALPHA_MIN, TILE
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
-"""Assumptions that the compiler may make: sums in any order; NaN and Inf stay what they are."""
+"""Assumptions allowed to the compiler: sums may be reordered; NaN and Inf are preserved."""
 
 REACH_MAX = 2 * np.log(1 / ALPHA_MIN) + 0.2
-"""Quadratic forms are cut to this: nothing beyond is blended; the exponential stays in range."""
+"""Quadratic forms are clamped to this, to keep the exponential in range; nothing beyond blends."""
 
 MIDDLE = REACH_MAX / 64
 TERMS = np.array([np.exp(-MIDDLE) / float(np.prod(np.arange(1.0, k + 1))) for k in range(8)])
 """Taylor terms of exp(MIDDLE − x) for x = q/32; to the 16th power it is exp(−q/2) within 4e-10."""
 
-PATIENCE = 8  # splats between two looks at whether any pixel of the tile is still live
+PATIENCE = 8  # splats between checks whether any pixel of the tile is still live
 
 
 @njit(cache=True)
@@ -56,7 +56,7 @@ def smallest_form(a, b, c, x0, x1, y0, y1):
 
 @njit(cache=True)
 def _visit_tiles(splat, width, height, tiles):
-    """Tiles that the splat reaches, written to `tiles` as far as it is long; returns how many."""
+    """Write the tiles that the splat reaches to `tiles`, as many as fit; return their number."""
     columns = (width + TILE - 1) // TILE
     u, v, wide, high = splat[U], splat[V], splat[WIDE], splat[HIGH]
     left = int(max(np.ceil(u - wide), 0.0)) // TILE  # below 2^63: `rendering_points.FARTHEST`
@@ -90,7 +90,7 @@ def _write(splats, width, height, first, tiles):
 
 @njit(cache=True)
 def _sort(first, tiles, start, pair, owner):
-    """Pairs of each tile in the order of the splats."""
+    """Compute the lists: pairs by tile, in the order of the splats."""
     slot = start[:-1].copy()
     for m in range(len(first) - 1):
         for p in range(first[m], first[m + 1]):
@@ -100,10 +100,10 @@ def _sort(first, tiles, start, pair, owner):
 
 
 def tile_lists(splats: np.ndarray, width: int, height: int) -> tuple[np.ndarray, ...]:
-    """Lists of splats [M, 12] in depth order.
-
-    first [M + 1]: where a splat's pairs begin; start [tiles + 1]: where a tile's list begins; and
-    of each entry the number of its pair and its splat.
+    """Build the tile lists of splats [M, 12] in depth order. Returns
+    - first [M + 1]: number of each splat's first pair,
+    - start [tiles + 1]: first entry of each tile's list,
+    - pair, owner [entries]: number of each entry's pair, and its splat.
     """
     tiles_in_all = -(-width // TILE) * -(-height // TILE)
     counts = np.empty(len(splats), np.int64)
@@ -118,10 +118,11 @@ def tile_lists(splats: np.ndarray, width: int, height: int) -> tuple[np.ndarray,
 
 
 def blend(splats, lists, width, height, limits) -> tuple[np.ndarray, ...]:
-    """Colours [tiles, 3, 16, 16] over black, transmittances and each pixel's last entry, counted in
-    its list, [tiles, 16, 16] of splats [M, 12], in whose precision everything is computed.
+    """Blend splats [M, 12], in their own floating type, by the lists of `tile_lists`.
 
-    `limits` are alpha_min, alpha_max and transmittance_min.
+    limits: alpha_min, alpha_max, transmittance_min
+    Returns colours over black [tiles, 3, 16, 16], transmittances, and each pixel's last blended
+    entry, counted from the start of its list, both [tiles, 16, 16].
     """
     tiles, kind = len(lists[1]) - 1, splats.dtype
     colour = np.empty((tiles, 3, TILE, TILE), kind)
@@ -136,8 +137,8 @@ def blend(splats, lists, width, height, limits) -> tuple[np.ndarray, ...]:
 
 
 def blend_backward(splats, lists, width, height, limits, drawn, to_colour, to_rest):
-    """Gradients [M, 9] of the splats from those of the colours and transmittances that `blend`
-    gave; `drawn` are its transmittances and last entries."""
+    """Gradients [M, 9] by the splats, from gradients by the colours and transmittances of `blend`;
+    `drawn`: transmittances and last entries from `blend`."""
     first, start, pair, owner = lists
     kind = splats.dtype
     pairs = np.zeros((len(pair), GRADIENTS), kind)
@@ -160,7 +161,7 @@ def corners(width: int, height: int, kind: np.dtype) -> np.ndarray:
 
 @njit(cache=True, fastmath=FAST)
 def _rows(splat, top):
-    """First row of the tile that the splat's box touches, and the one after the last."""
+    """First row of the tile that the splat's box touches, and the row after the last one."""
     low = max(int(np.ceil(splat[V] - splat[HIGH] - top)), 0)
     high = min(int(np.floor(splat[V] + splat[HIGH] - top)) + 1, TILE)
     return low, high
@@ -168,7 +169,7 @@ def _rows(splat, top):
 
 @njit(cache=True, fastmath=FAST, inline="always")
 def _exponential(q, terms):
-    """exp(−q/2), the quadratic form cut to what can be blended."""
+    """exp(−q/2), with the quadratic form clamped to 0 … REACH_MAX."""
     kind = terms.dtype.type
     x = kind(MIDDLE) - min(max(q, kind(0)), kind(REACH_MAX)) * kind(1 / 32)
     e = terms[6] + x * terms[7]
@@ -188,8 +189,8 @@ def _exponential(q, terms):
 def _blend(
     splats, start, owner, corner, size, limits, terms, lanes, threads, colour, rest, last
 ):  # fmt: skip
-    """A tile's state is one array, so that the compiler sees that nothing overlaps: colour,
-    transmittance, whether the pixel is live, and the last entry blended, counted in the list."""
+    """Blend all tiles. A tile's state is one array, so that the compiler can rule out aliasing:
+    colour, transmittance, whether the pixel is live, and its last blended entry in the list."""
     alpha_min, alpha_max, rest_min = limits[0], limits[1], limits[2]
     zero, one, two = lanes[0], lanes[1], lanes[2]
     for thread in prange(threads):
@@ -242,8 +243,9 @@ def _blend_backward(
     splats, start, pair, owner, corner, limits, terms, lanes, threads, rest, last,
     to_colour, to_rest, pairs,
 ):  # fmt: skip
-    """From back to front. With t the transmittance before a splat, g the pixel's gradient and
-    `behind` = g·(all that is blended behind): d alpha = t·(g·colour) − behind / (1 − alpha)."""
+    """Compute the pairs' gradients, from back to front. With t the transmittance before a splat, g
+    the pixel's gradient and `behind` = g·(colour blended behind the splat):
+    d alpha = t·(g·colour) − behind / (1 − alpha)."""
     alpha_min, alpha_max = limits[0], limits[1]
     zero, one, two = lanes[0], lanes[1], lanes[2]
     for thread in prange(threads):
@@ -300,7 +302,7 @@ def _blend_backward(
 
 @njit(cache=True, fastmath=FAST)
 def _gather(sums, a, b, c, g):
-    """A pair's gradients from the sums over its pixels' columns."""
+    """Compute a pair's gradients from the sums over each column of pixels."""
     for k in range(GRADIENTS):
         g[k] = sums[k].sum()
     across, down, xx, xy, yy = g[0], g[1], g[2], g[3], g[4]

@@ -1,6 +1,6 @@
-"""A scene as tensors that are optimised: what 3DGS stores, before its activations.
+"""A scene as tensors to optimise: the numbers that 3DGS stores, before its activations.
 
-The names are gsplat's, whose densification works on them: means, scales (logarithms), quats,
+The names are the ones gsplat's densification expects: means, scales (logarithms), quats,
 opacities (logits), sh0 [N, 1, 3] and shN [N, (degree+1)² − 1, 3].
 """
 
@@ -30,24 +30,24 @@ REFINING = {
     "sh0": 1e-2,
     "shN": 1e-2,
 }
-"""Learning rates of a trained scene that has lost Gaussians or harmonics: shapes and colours have
-far to go, places hardly any way, and in scenes of smaller Gaussians less (docs/compression.md)."""
+"""Learning rates of a trained scene that has lost Gaussians or harmonics: shapes and colours must
+change much, positions little, and less if Gaussians are smaller (docs/compression.md)."""
 
-EPSILON = 1e-15  # Adam's, as 3DGS has it
+EPSILON = 1e-15  # Adam's, as in 3DGS
 
 Tensors = dict[str, torch.Tensor]
 Optimizers = dict[str, torch.optim.Adam]
 
 
 def device() -> torch.device:
-    """The device to compute on: CUDA if there is a device and gsplat can use it, else the CPU."""
+    """The device to compute on: CUDA if PyTorch has it, else the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def tensors_of(scene: Scene) -> Tensors:
-    """float32 leaves of a scene whose numbers are finite.
+    """The tensors of a scene of finite numbers: float32 leaves.
 
-    Scales and opacities are kept off 0 and 1, whose logarithms are infinite.
+    Scales are kept above 0 and opacities between 0 and 1, so that logarithms and logits are finite.
     """
     opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - 1e-6)
     arrays = {
@@ -63,7 +63,7 @@ def tensors_of(scene: Scene) -> Tensors:
 
 
 def scene_of(tensors: Tensors, of: Scene | None = None) -> Scene:
-    """The scene of tensors, float64, with name and mark of the scene `of` that they come from."""
+    """The scene of tensors, float64, with name and mark of the scene `of` if given."""
     array = {name: tensor.detach().double().cpu().numpy() for name, tensor in tensors.items()}
     scene = Scene(
         array["means"], np.exp(array["scales"]), array["quats"],
@@ -76,12 +76,12 @@ def scene_of(tensors: Tensors, of: Scene | None = None) -> Scene:
 
 
 def factor_of(tensors: Tensors) -> torch.Tensor:
-    """R·S [N, 3, 3]."""
+    """Factors R·S [N, 3, 3] of the covariances."""
     return rotation(tensors["quats"]) * torch.exp(tensors["scales"])[:, None]
 
 
 def rotation(quats: torch.Tensor) -> torch.Tensor:
-    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z) of any length but 0."""
+    """Rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z) of any length except 0."""
     w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(1)
     return torch.stack([
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -99,8 +99,12 @@ def rendered(tensors: Tensors) -> tuple[torch.Tensor, ...]:
 def optimizers(
     tensors: Tensors, unit: float, rates: dict[str, float] = RATES, share: float = 1.0
 ) -> Optimizers:
-    """One Adam for each tensor, at that share of the learning rates; `unit` (scene units) scales
-    that of the positions."""
+    """One Adam optimizer per tensor.
+
+    unit: scene units, scales the learning rate of the positions
+    rates: learning rates by name
+    share: factor of all learning rates
+    """
     rates = {name: share * rates[name] * (unit if name == "means" else 1) for name in tensors}
     return {
         name: torch.optim.Adam([tensor], lr=rates[name], eps=EPSILON, fused=True)
@@ -110,19 +114,19 @@ def optimizers(
 
 
 def refining(tensors: Tensors, share: float, more: dict[str, float] | None = None) -> Optimizers:
-    """`optimizers` at that share of REFINING; `more` are rates of tensors that it does not know."""
+    """`optimizers` with a share of the rates REFINING; `more`: rates of further tensors."""
     return optimizers(tensors, size_of(tensors), REFINING | (more or {}), share)
 
 
 def size_of(tensors: Tensors) -> float:
-    """Median of the middle one of each Gaussian's three scales, scene units."""
+    """Typical size of the Gaussians: median of their middle scales, scene units."""
     return float(tensors["scales"].detach().median(dim=1).values.median().exp())
 
 
 def extent_of(cameras: list) -> float:
     """Extent of the cameras, scene units: 1.1 times the largest distance from their mean.
 
-    As 3DGS has it (`getNerfppNorm`); a single camera counts as 1.
+    As in 3DGS (`getNerfppNorm`); 1 for a single camera.
     """
     centres = np.array([camera.position for camera in cameras])
     distance = np.linalg.norm(centres - centres.mean(axis=0), axis=1).max()

@@ -1,7 +1,7 @@
-"""Positions on the model's grid: Morton order, chunks of 256, octants, offsets; and back.
+"""Positions on the model's grid: Morton order, chunks of 256, octants, offsets.
 
-The bits are defined in `spec.memory`; this file computes them. Floaters share chunks of their own
-at the model's end (`model.pack.floaters`).
+This file computes the fields that `spec.memory` defines. Floaters have chunks of their own at the
+model's end (`model.pack.floaters`).
 """
 
 from dataclasses import dataclass
@@ -12,52 +12,54 @@ from splatcore.model.pack.floaters import bound_exponent
 from splatcore.spec import memory
 
 GRID_BITS = memory.ORIGIN_BITS - 2
-"""Bits of a coordinate's magnitude on the grid: sums of two coordinates keep clear of the sign."""
+"""Bits of a coordinate's magnitude on the grid: a sum of two coordinates does not overflow."""
 
 NO_FLOATERS = np.zeros(0, np.int64)
 
-MORTON_BITS = 21  # bits of each axis that one 64-bit Morton code interleaves
+MORTON_BITS = 21  # bits per axis in one 64-bit Morton code
 
 
 @dataclass(frozen=True, eq=False)
 class Chunks:
-    """Positions [N, 3] as they are stored, in the order in which they are stored."""
+    """Positions of N Gaussians in C chunks, in stored order."""
 
     order: np.ndarray  # [N] index of the Gaussian that is stored in each place
     padding: np.ndarray  # [N] bool: a copy that only fills the last chunk before the floaters
     exponent: int  # the grid's step is 2^exponent scene units
     origin: np.ndarray  # [C, 3] int64, grid steps
-    shift: np.ndarray  # [C, 3]
-    octant_end: np.ndarray  # [C, 7] Gaussians of the chunk up to that octant
+    shift: np.ndarray  # [C, 3] offsets are in units of 2^shift grid steps
+    octant_end: np.ndarray  # [C, 7] number of the chunk's Gaussians up to that octant's end
     extent: np.ndarray  # [C, 3] largest offset >> EXTENT_SHIFT
-    bits: int  # of an offset that are stored, without its top one
+    bits: int  # stored bits of an offset, without the top bit, which the octant holds
     stored: np.ndarray  # [N, 3] these bits
 
 
 def chunk_positions(
     position: np.ndarray, bits: int = memory.STORED_BITS, floaters: np.ndarray = NO_FLOATERS
 ) -> Chunks:
-    """Cut finite positions [N, 3] (scene units) into chunks, storing `bits` of each offset.
+    """Divide Gaussians into chunks.
 
-    floaters: indices [F], in the order in which they are stored behind all others.
+    position: [N, 3] finite, scene units
+    bits: stored bits of each offset
+    floaters: [F] indices of the floaters, in the order in which they are stored after all others
     """
     near = np.delete(np.arange(len(position)), floaters)
     exponent = max(bound_exponent(position) - GRID_BITS, -memory.EXPONENT_MAX)
     grid = np.rint(np.ldexp(position, -exponent)).astype(np.int64)  # [N, 3]
     order = near[morton_order(grid[near])]
     filling = order[:0]
-    if len(floaters):  # the last chunk holds the last 256 that are near, some of them again
+    if len(floaters):  # fill the last chunk before the floaters with copies of its Gaussians
         filling = np.resize(order[-memory.CHUNK :], -len(order) % memory.CHUNK)
     padding = np.repeat([False, True, False], [len(order), len(filling), len(floaters)])
     order = np.concatenate([order, filling, floaters])
     grid = grid[order]
 
-    of = np.arange(len(grid)) // memory.CHUNK  # [N] the chunk of each place
+    of = np.arange(len(grid)) // memory.CHUNK  # [N] chunk of each place
     starts = np.arange(memory.chunk_count(len(grid))) * memory.CHUNK
     origin = np.minimum.reduceat(grid, starts, axis=0) if len(starts) else grid
     highest = np.maximum.reduceat(grid, starts, axis=0) if len(starts) else grid
     zeros = memory.STORED_BITS - bits  # low bits of an offset that are not stored
-    step = np.maximum(smallest_shift(highest - origin, bits + 1), zeros)  # of what is, as a shift
+    step = np.maximum(smallest_shift(highest - origin, bits + 1), zeros)  # of stored bits, as shift
     offset = (grid - origin[of] + half(step)[of]) >> step[of]
 
     octant = (offset >> bits) @ np.array([1, 2, 4])  # [N]
@@ -71,20 +73,20 @@ def chunk_positions(
 
 
 def half(shift: np.ndarray) -> np.ndarray:
-    """Half a step of offsets shifted by `shift`: added before the shift it rounds to nearest."""
+    """Half a step of offsets shifted by `shift`: adding it before the shift rounds to nearest."""
     return np.left_shift(1, shift) >> 1
 
 
 def smallest_shift(span: np.ndarray, bits: int) -> np.ndarray:
-    """Smallest shift for which offsets up to `span` (int64 ≥ 0), rounded, fit so many bits."""
+    """Smallest shift with which offsets up to `span` (int64 ≥ 0), rounded, fit in `bits` bits."""
     _, length = np.frexp(span.astype(np.float64))  # bit length; spans are below 2^53
     shift = np.maximum(length - bits, 0).astype(np.int64)
     return shift + ((span + half(shift)) >> shift >> bits)
 
 
 def morton_order(grid: np.ndarray) -> np.ndarray:
-    """Order [N] of integer points [N, 3] along the Morton (Z) curve; equal points keep theirs."""
-    corner = grid.min(axis=0, initial=1 << memory.ORIGIN_BITS)  # the initial value is for no points
+    """Order [N] of integer points [N, 3] along the Morton (Z) curve; stable for equal points."""
+    corner = grid.min(axis=0, initial=1 << memory.ORIGIN_BITS)  # initial value: if no points
     point = (grid - corner).astype(np.uint64)
     high = interleave(point >> (memory.ORIGIN_BITS - MORTON_BITS))
     low = interleave(point & ((1 << (memory.ORIGIN_BITS - MORTON_BITS)) - 1))
@@ -92,9 +94,9 @@ def morton_order(grid: np.ndarray) -> np.ndarray:
 
 
 def interleave(point: np.ndarray) -> np.ndarray:
-    """Morton codes [N] of points [N, 3] of 21 bits: bit k of axis a goes to bit 3·k + a.
+    """Morton codes [N] of points [N, 3] of 21 bits: bit k of axis a becomes bit 3·k + a.
 
-    The bits are spread by halving blocks (Morton 1966; the magic masks of 3D codes).
+    Bits are spread by halving blocks, with the usual masks of 3D Morton codes.
     """
     code = point.astype(np.uint64)
     for shift, mask in (

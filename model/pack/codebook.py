@@ -1,7 +1,7 @@
-"""Residual vector quantisation: a vector is the sum of one entry from each of a few codebooks.
+"""Residual vector quantisation: a vector is the sum of one entry per codebook stage.
 
-Two stages of 128 entries come closer than one of 512 with half the memory: the first stage is
-k-means on the vectors, each further one k-means on what the stages before it left over.
+The first stage is k-means on the vectors, each further stage k-means on the remaining errors. Two
+stages of 128 entries are more accurate than one of 512, in half the memory.
 """
 
 import warnings
@@ -18,19 +18,19 @@ ITERATIONS = 30
 
 @dataclass(frozen=True, eq=False)
 class Codebook:
-    """Entries of all stages on one grid, and the entries chosen for N vectors of D components."""
+    """Entries of all stages on one grid, and the indices of N vectors of D components."""
 
     exponent: int  # the grid's step is 2^exponent
     entries: list[np.ndarray]  # per stage [2^bits, D] integers, as float64
     index: list[np.ndarray]  # per stage [N]
 
     def decode(self) -> np.ndarray:
-        """The vectors [N, D] that the indices stand for."""
+        """The quantised vectors [N, D]."""
         total = sum(entries[index] for entries, index in zip(self.entries, self.index, strict=True))
         return np.ldexp(total, self.exponent)
 
     def __getitem__(self, which: np.ndarray) -> "Codebook":
-        """The same entries, and those chosen for some of the vectors (mask or integers)."""
+        """The same entries, with the indices of some of the vectors (mask or integers)."""
         return replace(self, index=[index[which] for index in self.index])
 
 
@@ -42,10 +42,13 @@ def quantise(
     weight: np.ndarray | None = None,
     largest: int = EXPONENT_MAX,
 ) -> Codebook:
-    """Quantise vectors [N, D] by stages of 2^index_bits entries of integer components `entry`.
+    """Quantise vectors; deterministic for a seed.
 
-    `weight` [N] ≥ 0 says how much a vector's error counts (all alike by default). Deterministic
-    for a seed. The exponent is the smallest at which the largest component fits, `largest` at most.
+    vectors: [N, D]
+    index_bits: index bits of each stage
+    entry: integer format of the entries' components
+    weight: [N] ≥ 0, weight of each vector's error (default: all equal)
+    largest: upper limit of the exponent, which is the smallest at which all components fit
     """
     _, exponent = np.frexp(np.abs(vectors).max(initial=0) / entry.max)
     exponent = int(np.clip(exponent, EXPONENT_MIN, largest))
@@ -62,10 +65,7 @@ def quantise(
 def cluster(
     vectors: np.ndarray, count: int, seed: int, weight: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted k-means: centres [count, D] and the nearest centre [N] of each vector.
-
-    Unused centres are zero.
-    """
+    """Weighted k-means: centres [count, D], unused ones zero, and each vector's nearest [N]."""
     centres = np.zeros((count, vectors.shape[1]))
     distinct, nearest = np.unique(vectors, axis=0, return_inverse=True)
     if len(distinct) <= count:
@@ -78,6 +78,6 @@ def cluster(
         random_state=seed,
     )  # fmt: skip
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # fewer distinct clusters than asked for: unused entries
+        warnings.simplefilter("ignore")  # fewer distinct clusters than requested: unused entries
         nearest = means.fit(vectors, sample_weight=weight).predict(vectors)
     return means.cluster_centers_, nearest

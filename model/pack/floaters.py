@@ -1,50 +1,52 @@
-"""Floaters: the few Gaussians that training left far outside of the scene.
+"""Floaters: the few Gaussians that training left far outside the scene.
 
-One floater in a chunk coarsens the positions of the 255 others; on the model's grid it coarsens
-those of all. So floaters are stored in chunks of their own. The farthest are brought nearer, with
-their size, so that they look the same from within the scene.
+One floater in a chunk coarsens the positions of the 255 others, and on the model's grid the
+positions of all Gaussians. So floaters are stored in chunks of their own. The farthest are moved
+nearer and shrunk in proportion, so that they look the same from within the scene.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-FEWEST = 16  # Gaussians of a scene that has floaters
+FEWEST = 16  # smaller scenes have no floaters
 
 SHARE = 32
-"""At most one of SHARE Gaussians is a floater, or two of a smaller scene; more are the scene."""
+"""At most one in SHARE Gaussians is a floater (two in a small scene); more belong to the scene."""
 
 GAP = 2.5
-"""Floaters begin where a distance is over GAP times the next smaller one: their chunk's span would
-grow as much."""
+"""Floaters begin where a distance exceeds GAP times the next smaller one: the span of their chunk
+would grow by as much."""
 
 FAR = 8.0
-"""Or where it is over FAR times the distance within which all but one of SHARE are."""
+"""Or where the distance exceeds FAR times that of the innermost candidate (one in SHARE)."""
 
 RESERVE_BITS = 14
-"""How much coarser floaters may make the grid: 24 bits are left, those of a float32."""
+"""Bits by which floaters may coarsen the grid: 24 bits remain, as in a float32."""
 
 PARALLAX = 256.0
-"""Floaters are brought within PARALLAX · √(distance of the nearest one · the scene's): a camera in
-the scene sees the shift by as small an angle as the offsets' step beside the nearest one."""
+"""Floaters are moved within PARALLAX · √(distance of the nearest floater · size of the scene): seen
+from the scene, the shift is as small an angle as the offsets' step at the nearest floater."""
 
 ALIKE = 16.0
-"""Floaters within ALIKE times the distance of the nearest one stay: 16 bits suffice for both."""
+"""Floaters within ALIKE times the distance of the nearest one are not moved: 16 bits suffice."""
 
 
 @dataclass(frozen=True, eq=False)
 class Floaters:
-    """Floaters among N Gaussians, the nearest first."""
+    """Floaters of a scene, the nearest first."""
 
-    index: np.ndarray  # [F] which Gaussians
-    position: np.ndarray  # [F, 3] where they are stored, scene units
-    share: np.ndarray  # [F] that is left of their ways from the scene's middle, 1 if not moved
+    index: np.ndarray  # [F] indices of the Gaussians
+    position: np.ndarray  # [F, 3] stored positions, scene units
+    share: np.ndarray  # [F] stored distance from the scene's middle over original one; 1: not moved
 
 
 def find_floaters(position: np.ndarray, largest: float = np.inf) -> Floaters:
-    """The floaters among finite positions [N, 3]; coordinates are stored within ± `largest`.
+    """Find the floaters among finite positions [N, 3], scene units.
 
-    Distances are from the coordinate-wise median, the largest of the three axes.
+    largest: limit on the magnitude of a stored coordinate, scene units
+
+    Distances are measured from the coordinate-wise median; the largest of the three axes counts.
     """
     most = max(2, len(position) // SHARE)
     index = np.zeros(0, np.int64)
@@ -68,5 +70,5 @@ def find_floaters(position: np.ndarray, largest: float = np.inf) -> Floaters:
 
 
 def bound_exponent(position: np.ndarray) -> int:
-    """The least exponent e with all coordinates of positions [N, 3] below 2^e."""
+    """The smallest exponent e with all coordinates of positions [N, 3] below 2^e."""
     return int(np.frexp(np.abs(position).max(initial=0))[1])

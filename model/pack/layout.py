@@ -1,4 +1,4 @@
-"""Quantised Gaussians to the image in DRAM: every part of `spec.memory`, packed and placed."""
+"""The image of quantised Gaussians in DRAM: every part of `spec.memory`, packed and placed."""
 
 from dataclasses import dataclass
 
@@ -19,27 +19,27 @@ from splatcore.spec.small import factor_codes
 
 @dataclass(frozen=True, eq=False)
 class Quantised:
-    """N Gaussians in stored order, every number already rounded to what its format holds."""
+    """N Gaussians in stored order, with every number already rounded to its format."""
 
     format: ModelFormat
     chunks: Chunks
-    position: np.ndarray  # [N, 3] codes as they are stored
+    position: np.ndarray  # [N, 3] stored codes
     factor: np.ndarray  # [N, 3, 3] L in units of 2^factor_exponent
     factor_exponent: int
     attenuation: np.ndarray  # [N] −log2(opacity)
-    colour: tuple[Codebook, Codebook] | Steps  # of colours and of G, or of all degrees
+    colour: tuple[Codebook, Codebook] | Steps  # codebooks of colours and slopes G, or steps
     antialiased: bool = False
 
     @property
     def layouts(self) -> np.ndarray:
-        """Layout [C] of each chunk's harmonics."""
+        """Layouts [C] of the chunks' harmonics, indices of `LAYOUTS`."""
         if isinstance(self.colour, Steps):
             return self.colour.harmonics
         return np.zeros(memory.chunk_count(len(self)), np.int64)
 
     @property
     def beats(self) -> np.ndarray:
-        """Beats [N] of each Gaussian's harmonics."""
+        """Beats of harmonics [N] of each Gaussian."""
         beats = np.array([layout.beats for layout in LAYOUTS])[self.layouts]
         return np.repeat(beats, memory.CHUNK)[: len(self)]
 
@@ -48,7 +48,7 @@ class Quantised:
 
 
 def lay_out(model: Quantised) -> np.ndarray:
-    """The image in DRAM, uint8."""
+    """Make the image in DRAM, uint8."""
     layout = model.format.layout(len(model), int(model.beats.sum()))
     image = np.zeros(layout.end, np.uint8)
 
@@ -106,7 +106,7 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
 def chunk_headers(model: Quantised) -> np.ndarray:
     """Chunk headers, uint8 [C, size].
 
-    A Gaussian has alpha ≥ 1/255 at most √(2·ln(255·opacity)) standard deviations from its centre.
+    A Gaussian's alpha reaches 1/255 within √(2·ln(255·opacity)) standard deviations of its centre.
     """
     chunks = model.chunks
     starts = np.arange(0, len(model), memory.CHUNK)
@@ -125,7 +125,7 @@ def chunk_headers(model: Quantised) -> np.ndarray:
 
 
 def attributes(model: Quantised) -> np.ndarray:
-    """Attributes, uint8 [beats, 16], or [N, 8] of a small model."""
+    """Attribute records with beats of harmonics, uint8 [beats, 16]; [N, 8] for a small model."""
     record = model.format.stored_record
     if model.format.small:
         values = factor_codes(model.factor)
@@ -153,7 +153,7 @@ def attributes(model: Quantised) -> np.ndarray:
 
 
 def harmonics(steps: Steps, layout: Harmonics, chosen: np.ndarray) -> list[np.ndarray]:
-    """Beats of harmonics of some Gaussians [M] with that layout, each uint8 [M, 16]."""
+    """Beats of harmonics, each uint8 [M, 16], of the `chosen` Gaussians [M], all of one layout."""
     values = {"reserved": np.zeros(len(chosen), np.uint64)}
     for degree in range(1, layout.degree + 1):
         has = degree <= len(steps.codes)
@@ -170,7 +170,7 @@ def harmonics(steps: Steps, layout: Harmonics, chosen: np.ndarray) -> list[np.nd
 
 
 def entries(record: Record, codebook: Codebook) -> np.ndarray:
-    """All stages' entries one after the other, uint8 [entries, size]."""
+    """Entries of all stages, one stage after the other, uint8 [entries, size]."""
     (field, _), *_ = record.fields  # the other field is reserved
     if not codebook.entries:
         return np.zeros((0, record.size), np.uint8)

@@ -1,4 +1,4 @@
-"""Scene to packed model: drop what cannot be seen, order, quantise, lay out, and say the loss."""
+"""Scene to packed model: drop invisible Gaussians, order, quantise, lay out, report the loss."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,13 +48,15 @@ def pack(
     codebooks: Codebooks | None = None,
     quality: str | np.ndarray = COMPACT,
 ) -> tuple[PackedModel, PackReport]:
-    """Pack a scene for a machine, with harmonics up to `sh_degree` (default: as many as fit), in
-    one of `QUALITIES` or with layouts [C] of `spec.colour.LAYOUTS` for its chunks.
+    """Pack a scene for a machine; return the model and a report on what was lost.
 
-    Gaussians that hold NaN, Inf or a number beyond float32, or can never reach alpha 1/255, are
-    dropped and counted.
-    `codebooks` of the scene's Gaussians replace those that are made here; they need the machine's
-    format of that degree.
+    sh_degree: highest degree of harmonics to keep (default: all that the machine renders)
+    progress: called with the name of each of `STEPS` as it begins
+    codebooks: of the scene's Gaussians, in the format of that degree (default: made here)
+    quality: one of `QUALITIES`, or layouts [C] (`spec.colour.LAYOUTS`), one per chunk
+
+    Gaussians with NaN, Inf or a number beyond float32, or that never reach alpha 1/255, are
+    dropped and counted. Raises InputError if the machine cannot render models of that quality.
     """
     progress = progress or (lambda step: None)
     degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
@@ -83,7 +85,7 @@ def pack(
     exponent = factor_exponent(config, format, np.abs(lower).max(initial=0))
     factor = np.ldexp(lower, -exponent)
     factor = rounded_factor(factor) if format.small else FACTOR.round(factor)
-    with np.errstate(divide="ignore"):  # of padding: the lowest opacity
+    with np.errstate(divide="ignore"):  # padding gets the lowest opacity
         opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(kept.opacity, 1)))
     quantised = Quantised(
         format, chunks, position, factor, exponent, opacity, colour, scene.antialiased
@@ -103,7 +105,7 @@ def pack(
 def quantised_colours(
     kept: Scene, format: ModelFormat, quality: str | np.ndarray, progress: Progress
 ) -> Codebooks | Steps:
-    """Colours and harmonics of Gaussians in stored order."""
+    """Quantise colours and harmonics of Gaussians in stored order."""
     if not format.codebooks:
         progress("harmonics")
         factors = folded(kept.sh)
@@ -115,23 +117,26 @@ def quantised_colours(
 
 
 def qualities_of(config: Config) -> tuple[str, ...]:
-    """`QUALITIES` of the models that a machine renders."""
+    """The qualities of `QUALITIES` that a machine renders."""
     stepped = () if config.colours == "array" else STEPPED
     return (*INDEXED[not config.small_models :], *stepped)
 
 
 def format_of(config: Config, quality: str | np.ndarray, degree: int) -> ModelFormat:
-    """The format of models of a quality, of that SH degree at most."""
+    """The format of models of a quality, with at most that SH degree."""
     if not isinstance(quality, str) or quality in STEPPED:
         return step_format(config, degree)
     return model_format(config, min(degree, COMPACT_DEGREE), quality == SMALL)
 
 
 def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
-    """Layouts [C] of the chunks of Gaussians with factors [N, k, 3] of each degree's polynomials:
-    those given, but none more than the chunk has harmonics for."""
+    """Layouts [C] of chunks: the quality's layout, reduced to the degree that each chunk needs.
+
+    factors: [N, k, 3] for each degree, of its polynomials
+    quality: in steps, or a layout [C] per chunk
+    """
     starts = np.arange(0, len(factors[0]), CHUNK)
-    degree = np.zeros(len(starts), np.int64)  # the highest that is not zero
+    degree = np.zeros(len(starts), np.int64)  # the highest with a factor that is not zero
     for d, factor in enumerate(factors):
         largest = np.abs(factor).max((1, 2), initial=0)
         has = np.maximum.reduceat(largest, starts) > 0 if len(starts) else degree > 0
@@ -142,41 +147,44 @@ def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
 def layout_of(quality: str | np.ndarray, degree: int | np.ndarray) -> np.ndarray:
     """The layout in `spec.colour.LAYOUTS` of chunks with harmonics up to `degree`."""
     asked = {"balanced": COARSE, "faithful": FINE}[quality] if isinstance(quality, str) else quality
-    second = np.minimum(asked, SECOND)  # those of degree 3 hold nothing more of degrees 1 and 2
+    second = np.minimum(asked, SECOND)  # degree 3 layouts store degrees 1 and 2 no better
     return np.where(np.greater(degree, 2), asked, np.where(np.greater(degree, 0), second, 0))
 
 
 def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """The vectors that codebooks hold of a scene of degree 0 or 1: colours [N, 3] as the original
-    renderer has them without harmonics, and slopes [N, 9] (without harmonics [0, 9])."""
+    """The vectors that codebooks store for a scene of degree 0 or 1: colours [N, 3], as rendered
+    without higher harmonics, and slopes [N, 9] ([0, 9] for degree 0)."""
     colours = folded(scene.sh)[0][:, 0] + COLOUR_OFFSET
     if not scene.sh_degree:
         return colours, np.zeros((0, 9))
     return colours, slopes_of(folded(scene.sh)[1]).reshape(-1, 9)
 
 
-def packable(config: Config) -> tuple:
-    """What of a machine decides how a scene is packed for it."""
+def packing_key(config: Config) -> tuple:
+    """Cache key: the fields of a machine that change the packed model."""
     formats = [model_format(config, degree) for degree in compact_degrees(config)]
     kinds = config.sh_degree, config.colours, config.small_models
     return *formats, *kinds, largest_factor(config.arithmetic)
 
 
 def factor_exponent(config: Config, format: ModelFormat, largest: float) -> int:
-    """The least exponent of a unit in which elements of L up to `largest` fit."""
+    """The smallest exponent of a unit of L in which elements up to `largest` fit."""
     exponent = int(np.frexp(largest / largest_element(config, format))[1])
     return max(exponent, -EXPONENT_MAX)
 
 
 def largest_element(config: Config, format: ModelFormat) -> float:
-    """Bound on the elements of L in their unit."""
+    """Bound on the elements of L, in L's unit."""
     bound = largest_factor(config.arithmetic)
     return min(bound, FACTOR_MAX) if format.small else bound
 
 
 def clip_scales(scene: Scene, bound: float) -> tuple[Scene, int]:
-    """The scene with scales that elements of L up to `bound` units hold beside the others', and how
-    many Gaussians that clips. L of the median Gaussian is at least 2^−MEDIAN_BITS units."""
+    """Clip scales so that the unit of L suits most Gaussians; return the scene and the number of
+    clipped Gaussians.
+
+    bound: largest element of L, in L's unit; the median Gaussian's L has at least 2^−MEDIAN_BITS
+    """
     largest = scene.scale.max(1, initial=0)
     if not largest.any():
         return scene, 0
@@ -185,8 +193,9 @@ def clip_scales(scene: Scene, bound: float) -> tuple[Scene, int]:
 
 
 def largest_factor(arithmetic: Float) -> float:
-    """Bound on the elements of L: in the middle of the machine's range, if that is small.
+    """Bound on the elements of L: the middle of the arithmetic's range, if that is small.
 
-    The view rotation takes up L's unit; so neither L overflows nor the rotation underflows.
+    L's unit is multiplied into the view rotation; so neither L overflows nor the rotation
+    underflows.
     """
     return min(FACTOR.max, np.sqrt(arithmetic.max))

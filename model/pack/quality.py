@@ -1,15 +1,15 @@
-"""How a scene can be packed, by name, and what is good enough."""
+"""Names of the qualities in which a scene can be packed, and the default PSNR."""
 
 SMALL, COMPACT = INDEXED = ("small", "compact")
-"""Qualities of models in codebooks, of degree 0 and 1: half a beat a Gaussian, or one."""
+"""Qualities of models in codebooks, degrees 0 and 1: half a beat per Gaussian, or one beat."""
 
 STEPPED = ("balanced", "faithful")
-"""Qualities of models in steps: at most two beats a Gaussian, or three."""
+"""Qualities of models in steps: at most two beats per Gaussian, or three."""
 
 UNLEARNED = (COMPACT, *STEPPED)
-"""Those for scenes as they are: a small model is far from one that has not learned its numbers."""
+"""Qualities for any scene; a small model is accurate only if the scene was fine-tuned for it."""
 
 QUALITIES = (*INDEXED, *STEPPED)
 
 LEAST_DB = 45.0
-"""dB against the scene that a model has at least, if one has, where no quality is asked for."""
+"""Minimum PSNR (dB) against the scene when no quality is requested, if any quality reaches it."""

@@ -1,4 +1,4 @@
-"""The effect of packing on a scene: counts, sizes, errors, and notes about what is lost."""
+"""Report on packing a scene: counts, sizes, errors, and notes about losses."""
 
 from dataclasses import asdict, dataclass
 
@@ -10,21 +10,21 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 COARSE_SHARE = 1e-3
-"""A position is `coarse` if its error is over this share of it, and over its Gaussian's size."""
+"""A position is `coarse` if its error exceeds this share of it and the size of its Gaussian."""
 
 
 @dataclass(frozen=True)
 class PackReport:
-    """The effect of packing on a scene. Errors are of the packed Gaussians against the scene's."""
+    """The effect of packing on a scene. Errors compare packed Gaussians with the scene's."""
 
     gaussians: int  # in the scene
-    packed: int
+    packed: int  # Gaussians in the model, without padding
     not_finite: int  # dropped: NaN, Inf or beyond float32
     transparent: int  # dropped: opacity below 1/255
-    floaters: int  # far outside of the scene, in chunks of their own
-    moved: int  # floaters beyond the grid, brought nearer with their size
-    clipped: int  # larger than L can be beside the others
-    coarse: int  # positions off by more than a thousandth of them and than their Gaussian's size
+    floaters: int  # far outside the scene, in chunks of their own
+    moved: int  # floaters beyond the grid, moved nearer and shrunk in proportion
+    clipped: int  # scales larger than L can represent
+    coarse: int  # position errors above a thousandth of the position and the Gaussian's size
     padding: int  # copies in the model, nearly transparent, that fill the chunk before the floaters
     sh_degree: int
     bytes: int
@@ -33,36 +33,42 @@ class PackReport:
     position_error: float  # largest, scene units
     factor_error: float  # largest error of an element of L over the Gaussian's largest axis
     opacity_error: float  # largest
-    colour_rms: float
-    sh_rms: list[float]  # of degrees 1, 2 …, of the factors of their polynomials
+    colour_rms: float  # root mean square error
+    sh_rms: list[float]  # per degree from 1, of the factors of its polynomials
     colour_error: float  # largest
-    sh_error: list[float]  # largest, likewise
+    sh_error: list[float]  # largest, per degree from 1
 
     def as_dict(self) -> dict:
         return asdict(self)
 
     @property
     def notes(self) -> list[str]:
-        """Lines about Gaussians that are not stored as they are, and about what is lost."""
+        """Lines for the user about Gaussians that are stored inexactly or not at all."""
         counts = {
             "with NaN, Inf or beyond float32, left out": self.not_finite,
-            "far outside of the scene, stored in chunks of their own": self.floaters,
-            "of these brought nearer, with their size": self.moved,
-            "larger than the model holds beside the others, clipped": self.clipped,
-            "off by more than their size, as positions lie too far apart": self.coarse,
+            "far outside the scene, stored in chunks of their own": self.floaters,
+            "of these moved nearer and shrunk in proportion": self.moved,
+            "too large for the model's number format, clipped": self.clipped,
+            "off by more than their size, because positions are too far apart": self.coarse,
         }
-        lines = [f"{count} Gaussians {what}" for what, count in counts.items() if count]
+        lines = [f"{count} Gaussians {fate}" for fate, count in counts.items() if count]
         errors = enumerate([self.colour_error, *self.sh_error])
         lost = ", ".join(f"{error:.3g} of degree {d}" for d, error in errors if error > 1)
         if lost:
-            lines.append(f"coefficients beyond what their steps hold, off by up to {lost}")
+            lines.append(f"coefficients out of the range of their steps, off by up to {lost}")
         return lines
 
 
 def report(
     kept: Scene, lower: np.ndarray, model: PackedModel, padding: np.ndarray, counts: dict[str, int]
 ) -> PackReport:
-    """The report on Gaussians in stored order with factors `lower`, of which some are `padding`."""
+    """Compare a model with its Gaussians before rounding.
+
+    kept: Gaussians [N] in stored order
+    lower: [N, 3, 3] their factors L
+    padding: [N] bool, copies that do not count
+    counts: the report's fields that packing has counted
+    """
     own = ~padding
     kept, lower, packed = kept[own], lower[own], model.gaussians()[own]
     axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)

@@ -1,5 +1,5 @@
-"""Colours and harmonics in steps: for each chunk and degree the step, for each Gaussian how much
-finer its own is, and the codes (`spec.colour`)."""
+"""Colours and harmonics in steps (`spec.colour`): the step of each chunk and degree, the shift by
+which a Gaussian's own step is finer, and the codes."""
 
 from dataclasses import dataclass
 
@@ -24,16 +24,20 @@ from splatcore.spec.number import Fixed
 class Steps:
     """Colours of N Gaussians in C chunks, in stored order."""
 
-    exponents: list[int]  # E of each degree
-    harmonics: np.ndarray  # [C] the chunk's layout, one of `LAYOUTS`
-    s: np.ndarray  # [C, 4] codes of the chunk's steps
-    base: np.ndarray  # [N, 3] integers
-    codes: list[np.ndarray]  # degree 1 … → [N, k, 3] integers
-    shifts: list[np.ndarray]  # likewise [N]
+    exponents: list[int]  # exponent E of the steps of each degree
+    harmonics: np.ndarray  # [C] each chunk's layout, an index of `LAYOUTS`
+    s: np.ndarray  # [C, 4] codes of the chunk's steps, one per degree
+    base: np.ndarray  # [N, 3] integer codes of degree 0
+    codes: list[np.ndarray]  # per degree from 1, [N, k, 3] integer codes
+    shifts: list[np.ndarray]  # per degree from 1, [N]
 
 
 def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray) -> Steps:
-    """Quantise factors [N, k, 3] of each degree's polynomials, in chunks of those layouts [C]."""
+    """Quantise colours and harmonics.
+
+    factors: [N, k, 3] for each degree, of its polynomials
+    harmonics: [C] layout of each chunk
+    """
     count, exponents = len(factors[0]), [EXPONENT_MIN] * DEGREES
     of = np.arange(count) // CHUNK
     s = np.zeros((len(harmonics), DEGREES), np.int64)
@@ -60,7 +64,7 @@ def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray) -> Steps:
 
 
 def exponent_for(factors: np.ndarray, code: Fixed) -> int:
-    """The least E with which the largest factor has a code, as far as there is one."""
+    """The smallest E with which the largest factor has a code, within E's limits."""
     least = np.ldexp(1.0, EXPONENT_MIN - 1)
     _, exponent = np.frexp(np.abs(factors).max(initial=least) / code.max)
     return int(np.clip(exponent, EXPONENT_MIN, EXPONENT_MAX))
@@ -69,9 +73,13 @@ def exponent_for(factors: np.ndarray, code: Fixed) -> int:
 def quantise(
     factors: np.ndarray, of: np.ndarray, code: Fixed, exponent: int, halves: bool, shifts: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Codes [N, k, 3] of factors, s [C] of their chunks `of` [N], and shifts [N] below `shifts`.
+    """Codes [N, k, 3] of factors, the step code s [C] of each chunk, and shifts [N] below `shifts`.
 
-    Of all s the one with the least squared error over the chunk, each Gaussian with its best shift.
+    of: [N] chunk of each Gaussian
+    exponent: E of the steps
+    halves: code k represents k + ½ steps
+
+    Each chunk gets the s with the smallest squared error, each Gaussian its best shift.
     """
     levels = np.arange((1 << STEP_BITS) + 2 * (shifts - 1))
     flat = np.ascontiguousarray(factors.reshape(len(factors), 3 * factors.shape[1]))
@@ -92,7 +100,7 @@ def quantise(
 
 @njit(cache=True)
 def _squares(factors, sizes, low, high, half):
-    """Squared errors [L, N] of factors [N, K] in codes of each of the steps [L]."""
+    """Squared errors [L, N] of factors [N, K] that are rounded with each of the steps [L]."""
     found = np.zeros((len(sizes), len(factors)))
     for n in range(len(factors)):
         for k in range(factors.shape[1]):
@@ -105,6 +113,6 @@ def _squares(factors, sizes, low, high, half):
 
 
 def encoded(factors: np.ndarray, size: np.ndarray, code: Fixed, halves: bool) -> np.ndarray:
-    """The nearest codes, integers as float64."""
+    """The nearest codes of factors: integers, as float64."""
     steps = np.floor(factors / size) if halves else np.rint(factors / size)
     return np.clip(steps, code.min, code.max)

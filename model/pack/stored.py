@@ -1,4 +1,4 @@
-"""The Gaussians of a model before rounding: without what cannot be seen, in stored order."""
+"""The visible Gaussians of a scene in stored order, before rounding."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Masks [N]: Gaussians of numbers that float32 holds; Gaussians that can reach alpha 1/255."""
+    """Masks [N] of Gaussians whose numbers fit in float32, and that can reach alpha 1/255."""
     finite = np.ones(len(scene), bool)
     for rows in (getattr(scene, name) for name in ARRAYS):
         finite &= (np.abs(rows) <= FLOAT32_MAX).all(tuple(range(1, rows.ndim)))
@@ -23,17 +23,17 @@ def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """The Gaussians of a model in the order in which they are stored, not yet rounded."""
+    """The Gaussians of a model in stored order, not yet rounded."""
 
-    scene: Scene  # [M]; padding has opacity 0 and no size
-    index: np.ndarray  # [M] which Gaussian of the scene each one is
+    scene: Scene  # [M]; padding has opacity 0 and size 0
+    index: np.ndarray  # [M] index of each one in the original scene
     chunks: Chunks
-    floaters: int
-    moved: int  # floaters that are brought nearer, with their size
+    floaters: int  # number of floaters
+    moved: int  # number of floaters that are moved nearer
 
 
 def stored_scene(scene: Scene, format: ModelFormat) -> Stored:
-    """The Gaussians of a scene that a model of a format holds, as they are stored."""
+    """Select the Gaussians of a scene that a model stores, and put them in stored order."""
     finite, visible = keep(scene)
     index = np.flatnonzero(finite & visible)
     position = scene.position[index]

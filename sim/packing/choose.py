@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
-from splatcore.model.pack.pack import format_of, pack, packable
+from splatcore.model.pack.pack import format_of, pack, packing_key
 from splatcore.model.pack.quality import COMPACT, LEAST_DB, STEPPED, UNLEARNED
 from splatcore.model.pack.report import PackReport
 from splatcore.model.pack.stored import stored_scene
@@ -139,7 +139,7 @@ def packed(
     progress: Progress = str,
 ) -> Packed:  # fmt: skip
     """Pack a source's scene for a machine and a view, once, and note its losses."""
-    key = packable(config), (quality or (camera.name, camera.width, camera.height))
+    key = packing_key(config), (quality or (camera.name, camera.width, camera.height))
     if key not in source.packed:
         source.packed[key] = choose(source.scene, config, [camera], quality, progress=progress)
         for line in source.packed[key].report.notes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from splatcore.golden import pipeline, reference
-from splatcore.model.pack.pack import pack, packable
+from splatcore.model.pack.pack import pack, packing_key
 from splatcore.sim.common.metric import against, difference
 from splatcore.sim.common.picture import error_picture
 from splatcore.sim.common.source import Source, check_fits
@@ -101,7 +101,7 @@ class Studio:
         """The model and its quality (None: it came packed); a scene is packed once for each."""
         if self.source.scene is None:
             return self.source.model, None
-        key = packable(request.config), request.quality
+        key = packing_key(request.config), request.quality
         if key not in self._models:
             quality = request.quality
             if quality is None:

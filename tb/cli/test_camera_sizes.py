@@ -138,6 +138,6 @@ def test_stretched_captures(place, capsys, cameras):
 
 
 def test_a_size_that_is_missing(place, capsys):
-    message = "^error: angle/transforms.json: frame 0: 'w' is missing, .* .--size. says it, too"
+    message = "^error: angle/transforms.json: frame 0: 'w' is missing, .*; give the size by --size"
     check_refused(capsys, "render scene.ply --camera angle -o a.png", message)
     check_refused(capsys, "render scene.ply --cameras angle -o taken", message)

@@ -187,11 +187,11 @@ def test_training_with_antialiasing(photographs, tmp_path, antialiased, monkeypa
         (["--schedule", "0.4,x"], "--schedule '0.4,x': is not a list of shares"),
         (["--schedule", "1.2"], "--schedule: 1.2 is not in 0 … 1"),
         (["--max-drop", "1"], "--max-drop: needs photographs"),
-        (["--target-ratio", "9999999"], "--target-ratio: leaves"),
+        (["--target-ratio", "9999999"], "--target-ratio: allows"),
         (["--images", "nowhere"], "nowhere"),
         (["--size", "0x5"], "--size 0x5: width 0"),
         (["--degree", "4"], "--degree"),
-        (["--quality", "faithful"], "--quality: faithful is of models of degree 2 and 3"),
+        (["--quality", "faithful"], "--quality: faithful needs --degree 2 or 3"),
         (["--scale", "2", "--images", "nowhere"], "--scale 2: is not in 0 … 1"),
     ),
 )

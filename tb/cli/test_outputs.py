@@ -172,7 +172,7 @@ def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
 SCENES = {
     "nope.ply": "nope.ply: No such file",
     "file": "file: is empty",
-    "g.png": "g.png: is no PLY",
+    "g.png": "g.png: is not a PLY",
 }
 
 

@@ -140,7 +140,7 @@ def test_bytes(scene, targets, checkpoints):
     *_, step = compress(scene, targets, replace(RECIPE, target_bytes=9000), checkpoints)
     assert 8500 < step.bytes <= 9000
     few = replace(RECIPE, target_bytes=100)
-    with pytest.raises(InputError, match=r"--target-bytes: leaves 100 bytes, and a model has \d+"):
+    with pytest.raises(InputError, match=r"--target-bytes: allows 100 bytes, the smallest .* \d+"):
         list(compress(scene, targets, few, Checkpoints(checkpoints.folder / "few", "")))
 
 

@@ -98,7 +98,7 @@ def test_target_ratio(scene, targets, checkpoints, tmp_path):
     *_, step = compress(scene, targets, replace(RECIPE, target_ratio=15.0), checkpoints)
     assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 20
     far, empty = replace(RECIPE, target_ratio=1e6), Checkpoints(tmp_path / "b", "")
-    with pytest.raises(InputError, match="--target-ratio: leaves 0 bytes"):
+    with pytest.raises(InputError, match="--target-ratio: allows 0 bytes"):
         list(compress(scene, targets, far, empty))
 
 
@@ -131,8 +131,8 @@ def test_nothing_to_see(scene, targets, tmp_path):
     away = replace(scene, position=scene.position + 1e4, name="away.ply")
     for name, learned, message in (
         (clear, targets, "clear.ply: no Gaussian can be seen"),
-        (away, targets, "away.ply: none of the views shows a Gaussian"),
-        (scene, (), "there is no picture to learn from"),
+        (away, targets, "away.ply: no view shows a Gaussian"),
+        (scene, (), "no picture to learn from"),
     ):
         with pytest.raises(InputError, match=message):
             list(compress(name, learned, RECIPE, Checkpoints(tmp_path / message, "")))
@@ -222,13 +222,13 @@ def test_learning_rates_rise_then_fall():
         adams = {name: torch.optim.Adam([leaf], lr=2.0) for name, leaf in leaves.items()}
         seen = []
 
-        def tell(*_, adams=adams, seen=seen):
+        def progress(*_, adams=adams, seen=seen):
             seen.append([adam.param_groups[0]["lr"] for adam in adams.values()])
 
         def loss(_, leaves=leaves) -> torch.Tensor:
             return sum(leaf.sum() for leaf in leaves.values())
 
-        optimise(adams, 200, loss, tell, "test", left)
+        optimise(adams, 200, loss, progress, "test", left)
         rates = np.array(seen)
         assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
         assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
@@ -241,10 +241,10 @@ def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, 
     decays almost to 0 and quantisation starts again at a fifth."""
     seen, learn = {}, finetune_module.optimise
 
-    def noted(optimizers, steps, loss_of, tell, what, left, kept):
+    def noted(optimizers, steps, loss_of, progress, phase, left, kept):
         rates = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
-        seen[what] = rates, left
-        return learn(optimizers, steps, loss_of, tell, what, left, kept)
+        seen[phase] = rates, left
+        return learn(optimizers, steps, loss_of, progress, phase, left, kept)
 
     monkeypatch.setattr(finetune_module, "optimise", noted)
     recipe = replace(RECIPE, degree=degree, schedule=(0.3,), distill_steps=0)

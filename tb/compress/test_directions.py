@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.model.compress.codebooks import colours_beside, in_codebooks
+from splatcore.model.compress.codebooks import assign_slopes, in_codebooks
 from splatcore.model.compress.directions import ELSEWHERE, Directions, directions_of
 from splatcore.model.compress.judge import decibels
 from splatcore.model.compress.significance import view_weights
@@ -68,7 +68,7 @@ def test_colours_make_up_for_slopes(seen, rays):
     """The constant term absorbs lost slopes: the mean colour over the views does not change."""
     rng = np.random.default_rng(1)
     colours, missing = rng.random((len(seen.mean), 3)), rng.normal(0, 1, (len(seen.mean), 9))
-    made_up = seen.made_up(colours, missing)
+    made_up = seen.compensated(colours, missing)
     ray, weight = rays
     shown = weight.sum(axis=1) > 0
     lost = np.einsum("nca,nva->nvc", missing.reshape(-1, 3, 3), ray)[shown]
@@ -97,7 +97,7 @@ def test_directions_improve_models(scene):
         each = Directions(mean * seen.mean, variance * seen.variance + (1 - variance) * np.eye(3))
         work = in_codebooks(strong, np.ones(len(scene)), each, DEFAULT, 0)
         found.append(decibels(work.packed().gaussians(), shown))
-        wanted = colours_beside(work.harmonics, strong, each)
+        wanted = assign_slopes(work.harmonics, strong, each)
         off = work.colour.decode().detach().numpy() - wanted
         assert off.std() < 0.04 * wanted.std()  # 0.06 with entries for the colours as they were
     assert found[0] > found[1] + 0.1 and min(found[:2]) > max(found[2:]) + 5

@@ -81,7 +81,7 @@ def test_it_goes_on_where_it_stopped(photographs, points, whole, tmp_path):
 
 def test_another_trainings_state(photographs, points, tmp_path):
     train(photographs, points, 20, 0, tmp_path, nothing)
-    with pytest.raises(InputError, match=r"training.pt: is of another training"):
+    with pytest.raises(InputError, match=r"training.pt: belongs to a different training run"):
         train(photographs, points, 30, 0, tmp_path, nothing)
     (tmp_path / "training.pt").write_bytes(b"broken")
     with pytest.raises(InputError, match=r"training.pt: is not a state of training"):

@@ -41,17 +41,17 @@ def test_stopped_in_every_phase(scene, targets, tmp_path, degree):
     whole, broken = (Checkpoints(tmp_path / name, "key") for name in ("whole", "broken"))
     *_, wanted = compress(scene, targets, recipe, whole)
 
-    def tell(what, done, total, loss):
+    def progress(phase, done, total, loss):
         if loss is None:
             return
-        told.append((what, done))
-        if done == STOPS[what] and told.count((what, done)) == 1:
+        told.append((phase, done))
+        if done == STOPS[phase] and told.count((phase, done)) == 1:
             raise Stop
 
     stops = 0
     while not broken.find("quantize"):
         try:
-            list(compress(scene, targets, recipe, broken, DEFAULT, tell))
+            list(compress(scene, targets, recipe, broken, DEFAULT, progress))
         except Stop:
             stops += 1
             assert broken.unfinished.exists()
@@ -137,7 +137,7 @@ def test_broken_states_are_named(tmp_path):
     whole = kept.path.read_bytes()
     others = [state_of(torch.ones(1, requires_grad=True)), state_of(torch.ones(3), torch.ones(3))]
     for other in others:
-        with pytest.raises(InputError, match=r"a.pt: is of another fine-tuning; remove it"):
+        with pytest.raises(InputError, match=r"a.pt: belongs to a different fine-tuning; remove"):
             kept.load(other)
     for share in (0.0, 0.5, 0.99):
         kept.path.write_bytes(whole[: int(share * len(whole))])

@@ -46,16 +46,16 @@ class StandIn:
         )
         return (Target(generated_camera("garden"), np.zeros((2, 2, 3), np.uint8), "0"),)
 
-    def train(self, photographs, points, steps, seed, folder, tell, antialiased):
+    def train(self, photographs, points, steps, seed, folder, progress, antialiased):
         self.calls.append(f"train {len(photographs)} {steps}")
-        tell("training", 1, 1, 0.5)
+        progress("training", 1, 1, 0.5)
         return small(300)
 
     def decide(self, scene, targets, recipe, *_):
         """Compact models, of degree 1 by default."""
         return recipe if recipe.degree is not None else replace(recipe, degree=1)
 
-    def compress(self, scene, targets, recipe, checkpoints, config, tell, original):
+    def compress(self, scene, targets, recipe, checkpoints, config, progress, original):
         """Prunes evenly by the schedule, drops harmonics, packs as the recipe says."""
         assert len(targets)
         if len(scene) == self.breaks_at:
@@ -76,7 +76,7 @@ class StandIn:
         plan[place:place] = [("prune", "prune", 1 - rate) for rate in rates]
         for k, (name, kind, share) in enumerate(plan):
             loss = None if kind == "original" else 0.1
-            tell(name, 0, 1, loss)
+            progress(name, 0, 1, loss)
             name = f"{name} ({k})" if kind == "prune" else name
             if not checkpoints.find(name):
                 scene = scene[np.linspace(0, len(scene) - 1, round(share * len(scene))).astype(int)]
@@ -87,7 +87,7 @@ class StandIn:
             scene = checkpoints.load(checkpoints.find(name))
             if name == self.stop_after:
                 raise Interrupt
-        tell("quantize", 0, 1, None)
+        progress("quantize", 0, 1, None)
         yield checkpoints.save(
             "quantize", "quantize", pack(scene, config, **recipe.packing)[0], 0.5, 0.2
         )

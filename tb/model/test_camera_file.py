@@ -104,7 +104,7 @@ def test_one_camera(tmp_path):
 
 def test_unknown_camera(tmp_path):
     path = write(tmp_path, [entry | {"id": i} for i in range(9) for entry in inria()[:1]])
-    with pytest.raises(InputError, match=r"no camera '9'; there are 9: 0, 1, 2, 3, 4, …"):
+    with pytest.raises(InputError, match=r"no camera '9' among its 9: 0, 1, 2, 3, 4, …"):
         read_camera(f"{path}:9")
     for text in ("none.json", "none.json:1", "", ":", "a\0b"):
         with pytest.raises(InputError, match="no such file"):
@@ -141,8 +141,8 @@ BAD = {
     "camera 1: 'position': is 1, not a list": edited(inria(), 1, "position", 1),
     "camera 1: 'rotation': is 0, not a list": edited(inria(), 1, "rotation", [0, 0, 0]),
     "camera 1: 'fx': is inf": json.dumps(inria()).replace('"fx": 510.0', '"fx": 1e999'),
-    "camera 1: rotation is no rotation": edited(inria(), 1, "rotation", 0, [2, 0, 0]),
-    "camera 0: rotation is no rotation": edited(inria(), 0, "rotation", (-np.eye(3)).tolist()),
+    "camera 1: rotation is not a rotation": edited(inria(), 1, "rotation", 0, [2, 0, 0]),
+    "camera 0: rotation is not a rotation": edited(inria(), 0, "rotation", (-np.eye(3)).tolist()),
     "translation is not a finite": edited(inria(), 1, "position", FAR.tolist()),
     "'frames' is missing": {"w": 1},
     "'frames': is {}, not a list": {"frames": {}},
@@ -153,9 +153,9 @@ BAD = {
     "frame 1: 'transform_matrix' is missing": edited(transforms(), *MATRIX, None),
     "frame 1: 'transform_matrix': has 2": edited(transforms(), *MATRIX, [[0] * 4] * 2),
     "does not end with the row": edited(transforms(), *MATRIX, 3, [0, 0, 0, 2]),
-    "frame 1: rotation is no rotation": edited(transforms(), *MATRIX, [[0] * 4] * 3),
+    "frame 1: rotation is not a rotation": edited(transforms(), *MATRIX, [[0] * 4] * 3),
     "frame 1: 'file_path': is []": edited(transforms(), "frames", 1, "file_path", []),
-    "'k1' is not 0, lens distortion": edited(transforms(), "k1", 0.1),
+    "'k1' is not 0; undistort": edited(transforms(), "k1", 0.1),
     "frame 1: 'p2' is not 0": edited(transforms(), "frames", 1, "p2", -0.1),
     "'camera_model' OPENCV_FISHEYE": edited(transforms(), "camera_model", "OPENCV_FISHEYE"),
     "'is_fisheye' is set": edited(transforms(), "is_fisheye", True),
@@ -177,7 +177,7 @@ BAD = {
     "model OPENCV_FISHEYE is not": colmap_binary(5),
     "model 77 is not": colmap_binary(77),
     "model -1 is not": colmap_binary(-1),
-    "image 7: 4503599627370499 points": _bytes(
+    "image 7: its 4503599627370499 points": _bytes(
         BINARY, "images.bin", b".png\0\3\0\0\0\0\0\0\0", b".png\0\3\0\0\0\0\0\x10\0"
     ),
     "has no direction": _bytes(

@@ -53,7 +53,9 @@ def test_a_folder_with_both(tmp_path):
 
 def test_a_folder_without_cameras(tmp_path):
     for read in (read_cameras, read_photographs):
-        check_refused(read, tmp_path, "no cameras.bin or cameras.txt in it or its 0, sparse/0")
+        check_refused(
+            read, tmp_path, "no cameras.bin or cameras.txt in it or in its folders 0, sparse/0"
+        )
         check_refused(read, tmp_path, "no transforms.json, transforms_train.json or cameras.json")
 
 
@@ -72,7 +74,7 @@ def test_lines_of_points(tmp_path, wrong, end):
     files = colmap_text()
     text = WRONG[wrong](files["images.txt"].decode()).replace("\n", end)
     colmap(tmp_path / "sparse", files | {"images.txt": text.encode()})
-    where = f"{tmp_path}/sparse/images.txt: image 7: the next line is no list of points"
+    where = f"{tmp_path}/sparse/images.txt: image 7: next line is not a list of points"
     check_refused(read_cameras, tmp_path, where)
 
 
@@ -96,7 +98,7 @@ def blender() -> dict:
 
 def test_size_of_the_photographs(tmp_path):
     path = transforms_file(tmp_path, blender())
-    check_refused(read_cameras, path, "frame 0: 'w' is missing, and its photograph cannot be read")
+    check_refused(read_cameras, path, "frame 0: 'w' is missing, and the photograph cannot be read")
     photographs(tmp_path, (80, 40))
     for size in (None, (500, 500)):  # --size resizes; the photographs' shape is the truth
         camera = read_cameras(path, size=size)[1]
@@ -118,7 +120,7 @@ def test_size_of_the_picture(tmp_path):
     for field in ("fl_x", "fl_y", "cx", "cy"):
         path = transforms_file(tmp_path, blender() | {field: 30.0})
         with pytest.raises(
-            InputError, match=f"frame 0: 'w' is missing, {field!r} is in its pixels"
+            InputError, match=f"frame 0: 'w' is missing, but {field!r} is in pixels"
         ):
             read_camera(str(path), (200, 100))
     path = transforms_file(tmp_path, blender() | {"w": 64})

@@ -173,10 +173,10 @@ def notes(name: str, value: float, count: int) -> str:
 def test_what_is_lost_is_named():
     """The notes of the packing report name each kind of loss, with its count."""
     assert pack(ball(60))[1].notes == []
-    assert notes("position", 1e30, 1).startswith("1 Gaussians far outside of the scene")
-    assert "brought nearer" in notes("position", 1e30, 1)
-    assert "brought nearer" not in notes("position", 1e3, 1)
+    assert notes("position", 1e30, 1).startswith("1 Gaussians far outside the scene")
+    assert "moved nearer" in notes("position", 1e30, 1)
+    assert "moved nearer" not in notes("position", 1e3, 1)
     assert notes("position", 1e39, 2) == "2 Gaussians with NaN, Inf or beyond float32, left out"
-    assert notes("scale", 1e20, 4).startswith("4 Gaussians larger than the model holds")
+    assert notes("scale", 1e20, 4).startswith("4 Gaussians too large for the model")
     assert "Gaussians off by more than their size" in notes("position", 1e30, 30)
-    assert "coefficients beyond" in notes("sh", 1e30, 1)
+    assert "coefficients out of the range" in notes("sh", 1e30, 1)

@@ -126,7 +126,7 @@ def test_degree_not_held_is_refused(tmp_path, kind, held, claim):
     field = {"ply": "'vertex'", "compressed ply": "'sh'", "sog 1": "shN", "sog 2": "shN"}
     message = field.get(kind, f"300 Gaussians of SH degree {claim}")
     if claim < held and ("ply" in kind or kind in ("spz 1", "spz 2", "spz 3")):
-        message = f"claims SH degree {claim}, holds {held}"
+        message = f"claims SH degree {claim} but holds degree {held}"
     check_bad_scene(tmp_path / "scene", misstated(kind, held, claim), message)
 
 

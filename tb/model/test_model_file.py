@@ -216,13 +216,15 @@ def test_sizes_are_checked_before_memory_is_taken():
     broken = {
         "end: claims": with_field(data, "end", most),
         "count 4294967295 needs more": with_field(data, "count", most),
-        "does not go with 0 beats": with_field(data, "end", packed.value("end") + 1),
+        "does not match 0 beats": with_field(data, "end", packed.value("end") + 1),
         "chunks column 0 byte 0: claims 268435456 bytes, not 2": column(bomb),
         "chunks column 0 byte 0: claims -1 bytes, not 2": column(sizeless),
-        "chunks column 0 byte 0: is no zstd frame": column(zstd(bytes(2))[:-1]),
-        "chunks column 0: has no column 1 before": data[:BEGIN] + b"\1" + data[BEGIN + 1 :],
-        "bytes are said to be there": data[: BEGIN + 1] + b"\xff" * 4 + data[BEGIN + 5 :],
-        "version 2 of the file is not 1": data[:4] + b"\2" + data[5:],
+        "chunks column 0 byte 0: is not a zstd frame": column(zstd(bytes(2))[:-1]),
+        "chunks column 0: refers to a wrong column, 1 before": data[:BEGIN]
+        + b"\1"
+        + data[BEGIN + 1 :],
+        "bytes, only": data[: BEGIN + 1] + b"\xff" * 4 + data[BEGIN + 5 :],
+        "file version 2 is not 1": data[:4] + b"\2" + data[5:],
     }
     for message, file in broken.items():
         tracemalloc.start()
@@ -234,7 +236,7 @@ def test_sizes_are_checked_before_memory_is_taken():
 def test_extra_bytes_in_a_frame():
     packed = model(300, 1, "compact")
     data = encode(packed, lambda part: zstd(part) + b"\0")
-    assert "chunks column 0 byte 0: is no zstd frame" in refused(data, packed)
+    assert "chunks column 0 byte 0: is not a zstd frame" in refused(data, packed)
 
 
 def test_distances_beyond_the_first_row():
@@ -244,7 +246,7 @@ def test_distances_beyond_the_first_row():
         """Replace each byte 1 by 201, so that distances point before the first row."""
         return zstd(bytes(byte + 200 if byte == 1 else byte for byte in part))
 
-    assert "distance: is beyond the first row" in refused(encode(packed, compress), packed)
+    assert "distance: points before the first row" in refused(encode(packed, compress), packed)
 
 
 def test_models_that_would_expand_too_much_stay_plain():

@@ -150,7 +150,7 @@ def test_where_cameras_look_past_each_other():
 
 @pytest.mark.parametrize(
     "cameras, count, message",
-    [([], 3, "cameras: there are none"), (ring(2), 0, "count: 0 is not ≥ 1")],
+    [([], 3, "cameras: none given"), (ring(2), 0, "count: 0 is below 1")],
 )
 def test_bad_arguments(cameras, count, message):
     with pytest.raises(InputError, match=message):

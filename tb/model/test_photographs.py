@@ -77,9 +77,9 @@ def test_another_size(folder):
     Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(folder / "images" / "a.png")
     found = read_photographs(folder)
     assert (found.targets[0].camera.width, found.targets[0].camera.fx) == (16, 20)
-    assert "1 photographs are of another size" in found.notes[0]
+    assert "1 photographs have another size" in found.notes[0]
     Image.fromarray(np.zeros((8, 6, 3), np.uint8)).save(folder / "images" / "a.png")
-    with pytest.raises(InputError, match=r"a.png: is 6x8 and its camera 8x6"):
+    with pytest.raises(InputError, match=r"a.png: is 6x8, but its camera 8x6"):
         read_photographs(folder)
 
 
@@ -134,7 +134,7 @@ def test_a_camera_without_a_photograph(tmp_path):
     frame = {"transform_matrix": np.eye(4).tolist()}
     table = {"w": 8, "h": 6, "fl_x": 10, "frames": [frame]}
     (tmp_path / "transforms.json").write_text(json.dumps(table))
-    with pytest.raises(InputError, match=r"transforms.json: a camera has no photograph's name"):
+    with pytest.raises(InputError, match=r"transforms.json: a camera names no photograph"):
         read_photographs(tmp_path)
 
 
@@ -171,7 +171,7 @@ def test_broken_points(folder):
         (points(), "holds no points"),
         (points((1, 2, float("nan"), (0, 0, 0))), "point 0 is not finite"),
         (points((1, 2, 3, (0, 0, 0)), count=2), "is cut off"),
-        (points((1, 2, 3, (0, 0, 0)))[:-5], "point 0: 2 images"),
+        (points((1, 2, 3, (0, 0, 0)))[:-5], "point 0: its 2 images"),
         (b"12", "is cut off"),
     ):
         path.write_bytes(data)

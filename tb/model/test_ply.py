@@ -91,7 +91,7 @@ def test_odd_gaussians_are_noted(tmp_path):
     assert scene.notes == (
         "2 Gaussians with NaN or Inf",
         "1 quaternions of norm 0",
-        "1 quaternions of a norm beyond 0.001 … 1000",
+        "1 quaternions of a norm outside 0.001 … 1000",
     )
 
 
@@ -156,8 +156,8 @@ def _packed(names=CHUNK_BOUNDS, chunks: int = 1, sh: int = 9, rows: int = 10) ->
 BAD = {
     "is empty": b"",
     "no 'end_header'": b"ply\nformat ascii 1.0\n",
-    "'nonsense' is not known": b"ply\nformat ascii 1.0\nnonsense\nend_header\n",
-    "'format ebcdic 1.0' is not known": _header(1, form="ebcdic"),
+    "unknown line 'nonsense'": b"ply\nformat ascii 1.0\nnonsense\nend_header\n",
+    "unknown line 'format ebcdic 1.0'": _header(1, form="ebcdic"),
     "version '2.0' is not 1.0": b"ply\nformat ascii 2.0\nend_header\n",
     "element 'vertex' is missing": b"ply\nformat ascii 1.0\nend_header\n",
     "has no count": _header("many"),
@@ -167,7 +167,7 @@ BAD = {
     "holds 0 Gaussians": _header(0),
     "1 of 3 rows": _header(3) + b"1\n",
     "3 of 4 rows": ply_bytes({"vertex": PLAIN})[:-1],
-    "element 'vertex': holds a value that is no number": _header(1) + b"one\n",
+    "element 'vertex': holds a value that is not a number": _header(1) + b"one\n",
     "row 0 has 2 values, not 1": _header(1) + b"1 2\n",
     "has list properties": _header(1, "property list uchar int x\n") + b"0\n",
     "two properties are called 'x'": _header(1, "property float x\n" * 2) + b"1 2\n",
@@ -182,8 +182,8 @@ BAD = {
     + bytes(16),
     "property 'max_b' is missing": _packed([*CHUNK_BOUNDS[:-1], "blue"]),
     "'chunk' has 2 rows, not 1": _packed(chunks=2),
-    "'sh' has 9 rows": _packed(rows=9),
-    "element 'sh': 9 of 10 rows": _packed()[:-1],
+    "'sh' has 9 rows, not 10": _packed(rows=9),
+    "element 'sh': has 9 of 10 rows": _packed()[:-1],
     "12 properties 'f_rest_*'": _packed(sh=12),
     "'packed_scale' is not uint32": _packed().replace(b"uint packed_s", b"float packed_s"),
     "'f_rest_3' is not uint8": _packed().replace(b"uchar f_rest_3", b"char f_rest_3"),
@@ -204,7 +204,7 @@ def test_bad_path(tmp_path):
         ("", "is a directory"),
         ("pipe.ply", "is not a regular file"),
         ("a\0b", "null"),
-        ("text.ply", "is no PLY, SPZ, SOG or .splat file"),
+        ("text.ply", "is not a PLY, SPZ, SOG or .splat file"),
     ]:
         with pytest.raises(InputError, match=message):
             read_scene(f"{tmp_path}/{name}")
@@ -213,8 +213,8 @@ def test_bad_path(tmp_path):
 
 
 AXES = (
-    "the SPZ file does not state its axes; read as RUB, as the format's specification has it; "
-    "--axes reads others",
+    "the SPZ file does not state its axes; read as RUB, the format's default; "
+    "choose others by --axes",
 )
 FAINT = "transparent Gaussians (opacity below 1/255)"
 NOTES = {

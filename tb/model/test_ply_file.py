@@ -68,10 +68,10 @@ def test_lists_outside_of_vertex_are_skipped(tmp_path, form, lengths, before):
 def test_lists_that_are_cut_off(tmp_path, form, before):
     data = with_faces(form, (3, 4, 5), before)
     cut = data[:-2] if not before else data[: data.index(END) + len(END) + 20]
-    message = {"ascii": "rows" if before else "'face': 3"}.get(form, "lists are cut off")
+    message = {"ascii": "rows" if before else "'face': has 3"}.get(form, "lists are cut off")
     if form == "ascii" and not before:
         cut = data[: data.rstrip().rindex(b"\n") + 1]
-        message = "element 'face': 2 of 3 rows"
+        message = "element 'face': has 2 of 3 rows"
     check_bad_scene(tmp_path / "scene.ply", cut, message)
 
 
@@ -162,11 +162,11 @@ def test_plain_colours(tmp_path, kind, rest):
 
 
 BAD = {
-    "two elements of the same name": b"element vertex 1\nproperty float x\n" * 2,
-    "property 'float' is not known": b"element vertex 1\nproperty float\n",
-    "property 'half x' is not known": b"element vertex 1\nproperty half x\n",
-    "property 'list float int x' is not known": b"element face 1\nproperty list float int x\n",
-    "'property float x' is not known": b"property float x\n",
+    "two elements have the same name": b"element vertex 1\nproperty float x\n" * 2,
+    "unknown property 'float'": b"element vertex 1\nproperty float\n",
+    "unknown property 'half x'": b"element vertex 1\nproperty half x\n",
+    "unknown property 'list float int x'": b"element face 1\nproperty list float int x\n",
+    "unknown line 'property float x'": b"property float x\n",
 }
 
 

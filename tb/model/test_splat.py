@@ -57,12 +57,12 @@ def test_content_goes_before_extension(tmp_path):
     scene = read(tmp_path, ply_bytes({"vertex": ply_columns(random_scene(3, 1))}))
     assert scene.sh_degree == 1
     (tmp_path / "scene.bin").write_bytes(splat_bytes(2))
-    with pytest.raises(InputError, match=r"is no PLY, SPZ, SOG or \.splat file"):
+    with pytest.raises(InputError, match=r"is not a PLY, SPZ, SOG or \.splat file"):
         read_scene(tmp_path / "scene.bin")
 
 
 @pytest.mark.parametrize(
-    ("size", "message"), [(0, "is empty"), (31, "31 bytes are no multiple"), (33, "33 bytes")]
+    ("size", "message"), [(0, "is empty"), (31, "31 bytes are not a multiple"), (33, "33 bytes")]
 )
 def test_bad_size(tmp_path, size, message):
     with pytest.raises(InputError, match=f"scene.splat: {message}"):

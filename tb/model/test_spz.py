@@ -29,8 +29,8 @@ from tb.helpers.scenes import random_scene
 VERSIONS = (1, 2, 3, 4)
 
 RUB = (
-    "the SPZ file does not state its axes; read as RUB, as the format's specification has it; "
-    "--axes reads others"
+    "the SPZ file does not state its axes; read as RUB, the format's default; "
+    "choose others by --axes"
 )
 """The note on a file without a record of its axes."""
 
@@ -129,7 +129,7 @@ def test_axes_for_a_file_that_states_none(tmp_path, version):
     path.write_bytes(spz_bytes(version, spz_codes(version, 4, 1), 1))
     plain, other = spz.read(path), spz.read(path, "RDF")
     assert np.array_equal(other.position, plain.position * [1, -1, -1])
-    assert other.notes == ("the SPZ file does not state its axes; read as RDF, --axes",)
+    assert other.notes == ("the SPZ file does not state its axes; read as RDF, by --axes",)
     assert (plain.assumed_axes, other.assumed_axes) == ("RUB", "")
     path.write_bytes(extended(version, record(4)))
     with pytest.raises(InputError, match=r"--axes RDF: the file states its axes, RUB"):
@@ -203,9 +203,9 @@ def _first_stream(frame: bytes) -> bytes:
 BAD = {
     "has no SPZ header": gzip.compress(b"something else entirely"),
     "has no SPZ header ": gzip.compress(RAW[:9]),
-    "version 5 is not known": _raw(4, "<I", 5),
-    "version 0 is not known": _raw(4, "<I", 0),
-    "version 4 is not known": _raw(4, "<I", 4),
+    "version 5 is not supported": _raw(4, "<I", 5),
+    "version 0 is not supported": _raw(4, "<I", 0),
+    "version 4 is not supported": _raw(4, "<I", 4),
     "holds 0 Gaussians": _raw(8, "<I", 0),
     "holds 112 of the 140 bytes": _raw(8, "<I", 5),
     "holds 111 of the 112 bytes of 4 Gaussians of SH degree 1": gzip.compress(RAW[:-1]),
@@ -229,7 +229,7 @@ BAD = {
     "stream 2 has 13 bytes, not 12": _zipped(32 + 2 * 16 + 8, "<Q", 13),
     "stream 0 is cut off": _zipped(32, "<Q", 2**63),
     "stream 5 is cut off": ZIPPED[:-1],
-    "stream 0 is no zstd stream": _first_stream(b"no zstd" * 9),
+    "stream 0 is not a zstd stream": _first_stream(b"no zstd" * 9),
     "stream 0 holds 1048576 bytes": _first_stream(zstandard.compress(bytes(1 << 20))),
     "cannot be read ": _first_stream(FRAME[:-1]),
     "mismatch": _first_stream(
@@ -245,7 +245,7 @@ def test_bad_file(tmp_path, message):
 
 def test_other_file(tmp_path):
     (tmp_path / "scene.spz").write_bytes(b"hello")
-    check_refused(spz.read, tmp_path / "scene.spz", "is no SPZ file")
+    check_refused(spz.read, tmp_path / "scene.spz", "is not an SPZ file")
 
 
 def test_no_scratch_file_in_an_error(tmp_path, monkeypatch):

@@ -138,8 +138,8 @@ def test_nothing_to_see(scene):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        ((0, 64, 36), "count: 0 is not ≥ 1"),
-        ((4, 64, 36, -1), "seed: -1 is not ≥ 0"),
+        ((0, 64, 36), "count: 0 is below 1"),
+        ((4, 64, 36, -1), "seed: -1 is below 0"),
         ((4, 0, 36), "width: 0 is not in 1"),
         ((4, 64, 9000), "height: 9000 is not in 1"),
     ],
