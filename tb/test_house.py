@@ -26,7 +26,7 @@ MAY_IMPORT = {
 SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import in addition to the standard one
 
 RIDDLES = {"told", "tell", "tells", "how", "what", "who", "said", "thing"}
-"""Names that say nothing of what they hold."""
+"""Names that say nothing about their content."""
 
 FILE_LINES = 320
 FUNCTION_LINES = 60
@@ -178,7 +178,7 @@ def test_no_large_files():
 
 
 def riddles(syntax: ast.AST) -> set[str]:
-    """Names of `RIDDLES` that a syntax tree defines."""
+    """Return the names of `RIDDLES` that a syntax tree uses or defines."""
     names = {node.id for node in ast.walk(syntax) if isinstance(node, ast.Name)}
     names |= {node.arg for node in ast.walk(syntax) if isinstance(node, ast.arg)}
     names |= {node.attr for node in ast.walk(syntax) if isinstance(node, ast.Attribute)}
@@ -189,7 +189,7 @@ def riddles(syntax: ast.AST) -> set[str]:
 
 @pytest.mark.parametrize("room", habits.ROOMS)
 def test_plain_words(room):
-    """No prose has a habit of `habits.REFUSED`."""
+    """No prose of the repository has a habit of `habits.REFUSED`."""
     hits = [
         f"{path.relative_to(ROOT)}:{line}: {habit}: {around}"
         for path in habits.files(room)

@@ -146,11 +146,11 @@ def test_lost_coefficients(scene, tmp_path, monkeypatch, capsys):
     for name, lost in (("plain.ply", False), ("odd.ply", True)):
         write_ply(name, replace(scene, sh=sh) if lost else scene)
         assert run(f"pack {name} -o s.splatcore --quality faithful --size 16x9 --json p.json") == 0
-        told, facts = capsys.readouterr().err, load(tmp_path / "p.json")
+        printed, facts = capsys.readouterr().err, load(tmp_path / "p.json")
         line = (
             "odd.ply: coefficients out of the range of their steps, off by up to 233 of degree 1\n"
         )
-        assert told.endswith(line) if lost else "beyond" not in told
+        assert printed.endswith(line) if lost else "beyond" not in printed
         assert len(facts["sh_error"]) == 3 and (facts["sh_error"][0] > 200) == lost
         check_documented("## `splatcore pack`", facts)
 
