@@ -54,7 +54,7 @@ def test_garden(tmp_path):
     found = executed(tmp_path)
     text = printed(found)
     assert "20,000 Gaussians, harmonics of degree 1, 1 cameras" in text
-    assert "compact    21.76 bytes a Gaussian" in text and "raster binds" in text
+    assert "compact    21.76 bytes per Gaussian" in text and "raster binds" in text
     pictures = [out for cell in found.cells for out in cell.get("outputs", ()) if "data" in out]
     assert sum("image/png" in out.data for out in pictures) == 4
     assert "Warning" not in text

@@ -228,8 +228,8 @@ for group, part in {"": app, **GROUPS}.items():
 
 def test_commands_are_in_the_order_of_the_table():
     """In a process that has not imported any command yet."""
-    done = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
-    found = [tuple(line.split(",")) for line in done.stdout.splitlines()]
+    told = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
+    found = [tuple(line.split(",")) for line in told.stdout.splitlines()]
     assert found == [(name, file) for name, (file, _) in COMMANDS.items()]
 
 
