@@ -7,7 +7,7 @@ SPLATCORE := $(BIN)/splatcore
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo pictures test test-compress verify testbenches coverage check report keep results clean
+.PHONY: help install demo pictures commands test test-compress verify testbenches coverage check report keep results clean
 
 help:
 	@echo "make demo   install, then simulate a frame of the embedded scene: pictures in out/"
@@ -18,6 +18,7 @@ help:
 	@echo "make coverage  the tests of the whole machine, and what of hdl/ they do not reach"
 	@echo "make check  lint, the rules of the house and the quick tests"
 	@echo "make pictures   the pictures in docs/, from the golden model and the results kept there"
+	@echo "make commands  docs/commands.md, from the help of all commands"
 	@echo "make report the page of all results: those kept in docs/results, and newer ones if there are"
 	@echo "make results  measure what out/report/results lacks (hours for all scenes)"
 	@echo "make keep   write the results of out/report/results as tables into docs/results"
@@ -53,6 +54,9 @@ pictures: install
 		--engine golden -o docs/pictures/garden.png
 	$(SPLATCORE) compare out/reference.png docs/pictures/garden.png -o docs/pictures/garden-error.png
 	$(SPLATCORE) report -o out/pictures --section quality --pictures docs/pictures
+
+commands: install
+	$(BIN)/python -m splatcore.sim.cli.reference > docs/commands.md
 
 test: install
 	$(BIN)/ruff check .

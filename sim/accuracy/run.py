@@ -108,7 +108,7 @@ def in_processes(views, machines, tell) -> Iterator[tuple[str, dict]]:
             }
             for name, future in as_done(waiting, news, tell):
                 facts, lines = future.result()
-                notes.tell(*lines)
+                notes.add(*lines)
                 yield name, facts
     except BrokenProcessPool as error:
         raise InputError(f"measuring views: a process {error}") from None

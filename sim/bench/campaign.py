@@ -100,7 +100,7 @@ def outcome(future: Future, task: Task) -> dict | Failure:
     worker are told here."""
     try:
         found, lines = future.result()
-        notes.tell(*lines)
+        notes.add(*lines)
         return found
     except BrokenProcessPool:
         raise

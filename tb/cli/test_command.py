@@ -12,7 +12,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.main import COMMANDS, GROUPS, register
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.verilog import PARTS
-from splatcore.sim.common.metric import Compared, Result, against, difference, told
+from splatcore.sim.common.metric import Compared, Result, against, difference, metrics_line
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.eda.verilog import WRITERS
 from tb.helpers.command import KEYS, ROOT, load, run
@@ -117,7 +117,7 @@ def test_against_model_and_scene(folder, capsys):
     assert result | against(wanted) == result
     assert result["psnr_db_machine"] > result["psnr_db_scene"] + 1
     printed = capsys.readouterr().out
-    assert f"against the reference: {told(wanted)}" in printed
+    assert f"against the reference: {metrics_line(wanted)}" in printed
     assert run(f"render scene.splatcore --engine golden -o g.png {view} m.json") == 0
     assert load(folder / "m.json")["psnr_db_machine"] == result["psnr_db_machine"]
     assert load(folder / "m.json")["psnr_db_scene"] is None
