@@ -38,8 +38,9 @@ def formats_command(
     """Compare other file formats with packed models: bytes and dB.
 
     SOG, compressed PLY and SPZ are written by PlayCanvas' splat-transform (npm install -g
-    @playcanvas/splat-transform), on the CPU. dB compare 8-bit pictures of the reference renderer
-    with those of the original scene. Writes DIR/formats.json; the files in each format stay in DIR.
+    @playcanvas/splat-transform), on the CPU. dB compare the reference renderer's 8-bit pictures
+    with its pictures of the original scene. Writes DIR/formats.json; the files in each format stay
+    in DIR.
     """
     if model and len(scene or ()) != 1:
         raise InputError("--model: goes with one SCENE")

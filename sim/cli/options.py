@@ -139,7 +139,7 @@ def option(
 
     kind: type of its value; `Path` for an output
     metavar: placeholder for the value in --help; None: the type
-    names: default: that of the parameter
+    names: of the option; default: the parameter's
     panel: heading in --help; None: "Options"
     limits: `min` and `max`
     """

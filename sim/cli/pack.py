@@ -66,7 +66,7 @@ def pack_command(
     dB compare 8-bit pictures of the reference renderer, of the packed model and of the original
     scene, in the worst view; then of the scene with one part packed at a time.
 
-    "bytes" is the size in memory, "file bytes" that of the coded file. For a file to be loaded
+    "bytes" is the size in memory, "file bytes" the size of the coded file. For a file to be loaded
     directly into DRAM, use --plain.
     """
     config = find_preset(preset)

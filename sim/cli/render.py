@@ -66,7 +66,7 @@ HeatMapOption = option(
 
 
 class Settings(NamedTuple):
-    """The options that decide on a picture, besides scene and camera."""
+    """The options that decide on a picture, in addition to scene and camera."""
 
     engine: str
     config: Config

@@ -23,13 +23,11 @@ VIDEO = "Video"
 VideoOption = option(
     Path | None, "FILE.mp4", "With --cameras: video of all pictures, in order.", panel=VIDEO
 )
-RateOption = option(
-    int, "N", "Frames per second of the video.", "--fps", min=1, max=240, panel=VIDEO
-)
+RateOption = option(int, "N", "Frames per second.", "--fps", min=1, max=240, panel=VIDEO)
 BesideOption = option(
     str | None,
     "NAME",
-    f"With --engine golden: also draw {' or '.join(BESIDE)} (of the same packed model), on the right.",
+    f"With --engine golden: also draw {' or '.join(BESIDE)} (same packed model) on the right.",
     panel=VIDEO,
 )
 

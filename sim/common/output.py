@@ -54,7 +54,9 @@ def check_folder(folder: Path):
 def check_distinct(written: list[tuple[str, Path]], read: Iterable[Path] = ()):
     """Raise InputError if two outputs are one file, or an output is an input.
 
-    written: outputs, each with the name of its option; read: inputs
+    written: outputs, each with the name of its option
+    read: inputs
+
     Paths and links to the same file are the same.
     """
     inputs = list(read)

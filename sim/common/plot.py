@@ -51,9 +51,8 @@ PLACES = [(7, 0), (-7, 0)] + [
 ]
 """Candidate offsets of a name from its point, in points."""
 
-FAR, LEADER = 1.2, 16
-"""FAR: cost of one point of distance, in square points hidden. LEADER: distance in points from
-which a leader line is drawn."""
+FAR = 1.2  # cost of one point of distance, in square points hidden
+LEADER = 16  # distance in points from which a leader line is drawn
 
 
 def plot(key: str, height: float, draw: Callable[[Figure], None]) -> str:

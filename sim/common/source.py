@@ -150,7 +150,7 @@ def own_camera(text: str | None, size: str | None, source: Source) -> Camera:
 def open_cameras(
     camera: str | None, cameras: str | None, size: str | None, source: Source
 ) -> list[Camera]:
-    """Return the cameras of --cameras (see `open_path`), else that of --camera; resized."""
+    """Return the cameras of --cameras (see `open_path`), else the one of --camera; resized."""
     check_one(camera, cameras)
     if cameras:
         found = source.reading.seen(open_path(cameras, size, source.name))
@@ -167,8 +167,8 @@ def check_one(camera: str | None, cameras: str | None):
 
 
 def open_path(cameras: str, size: str | None, scene: str) -> list[Camera]:
-    """Return all cameras of FILE, those of FILE:ID,ID,…, or those of ID,ID,… in the camera file
-    next to the scene; resized."""
+    """Return cameras of FILE (all), FILE:ID,ID,… or ID,ID,… (of the camera file next to the scene),
+    resized."""
     (path, ids), shape = split_id(cameras), shape_of(size)
     if os.path.exists(path):
         found = read_cameras(path, _ids(ids) if ids else None, shape)

@@ -87,7 +87,7 @@ def _extent(source: "Source") -> str:
     if not len(position):
         return ""
     low, high = (_point(np.percentile(position, percent, axis=0)) for percent in (1, 99))
-    return f"; 98 % of the scene's Gaussians lie between {low} and {high}"
+    return f"; 98 % of the scene's Gaussians are between {low} and {high}"
 
 
 def _position(source: "Source") -> np.ndarray:

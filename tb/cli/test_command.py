@@ -9,7 +9,8 @@ import pytest
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.cli.main import COMMANDS, GROUPS, register
+from splatcore.sim.cli.commands import COMMANDS
+from splatcore.sim.cli.main import GROUPS, register
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, metrics_line
@@ -229,7 +230,7 @@ def test_commands_are_in_the_order_of_the_table():
     """In a process that has imported none of them before."""
     told = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
     found = [tuple(line.split(",")) for line in told.stdout.splitlines()]
-    assert found == [(name, file) for name, (file, _) in COMMANDS.items()]
+    assert found == [(name, file) for name, (file, *_) in COMMANDS.items()]
 
 
 def test_the_table_says_what_the_commands_do():
@@ -241,10 +242,9 @@ def test_the_table_says_what_the_commands_do():
         for command in part.registered_commands
     }
     assert set(helps) == set(COMMANDS)
-    for name, (_, does) in COMMANDS.items():
+    for name, entry in COMMANDS.items():
         first = " ".join(helps[name].split("\n\n")[0].split())
-        words = does.rstrip(".").split()
-        assert len(does) <= 75 and words[0] == first.split()[0], name
+        assert len(entry.summary) <= 75 and entry.summary == first, name
 
 
 HEAVY = "amaranth matplotlib numba scipy skimage sklearn torch".split()

@@ -81,7 +81,8 @@ def test_cycles_of_each_camera(here, capsys):
     values = [row["psnr_db_machine"] for row in found["views"]]
     of = {"least": min(values), "mean": np.mean(values), "most": max(values)}
     assert {name: found[name]["psnr_db_machine"] for name in of} == pytest.approx(of)
-    shown = dict(zip("74", values, strict=True)) | of
+    folds = dict(zip(("min", "mean", "max"), of.values(), strict=True))
+    shown = dict(zip("74", values, strict=True)) | folds
     dbs = {words[0]: words[5] for words in lines if words and words[0] in shown}
     assert dbs == {name: f"{db:.2f}" for name, db in shown.items()} and list(dbs) == list(shown)
     assert "dB, machine" in " ".join(" ".join(lines[2]).split())
@@ -242,13 +243,13 @@ def test_numbers_of_rows():
 
 
 BAD = {
-    "cycles scene.ply --camera cameras.json --cameras 4,7": "--camera and --cameras: one of them",
-    "render scene.ply -o a --camera cameras.json --cameras 4": "--camera and --cameras: one",
-    "compare reference golden --scene scene.ply --camera cameras.json --cameras 4": "--cameras: on",
+    "cycles scene.ply --camera cameras.json --cameras 4,7": "use --camera or --cameras, not both",
+    "render scene.ply -o a --camera cameras.json --cameras 4": "use --camera or --cameras, not",
+    "compare reference golden --scene scene.ply --camera cameras.json --cameras 4": "not both",
     "cycles scene.ply --cameras 4,5": "--cameras 4,5: no such file; scene.*no camera '5'.*4, 7",
     "cycles scene.ply --cameras cameras.json:5": "cameras.json: no camera '5'",
     "cycles scene.ply --cameras none.json": "--cameras none.json: no such file; scene",
-    "cycles garden --cameras none.json": "--cameras none.json: no such file; garden has none",
+    "cycles garden --cameras none.json": "--cameras none.json: no such file, and garden has no",
     "cycles scene.ply --cameras 4,4": "--cameras 4,4: two cameras have the name 4",
     "cycles scene.ply cut.ply --cameras 4,7": "--cameras: needs a single SCENE",
     "cycles cut.ply --cameras cameras.json": "cut.ply: ",
@@ -257,7 +258,7 @@ BAD = {
     "cycles scene.ply --scheduler tcp://localhost:1": "--scheduler: goes with --cameras",
     "compare reference a.png --scene scene.ply --cameras 4": "--cameras: needs reference gol",
     "compare reference rtl --scene scene.ply --cameras 4": "--cameras: needs reference golden",
-    "compare reference golden --scene scene.ply --cameras 4 -o a.png": "without -o",
+    "compare reference golden --scene scene.ply --cameras 4 -o a.png": "and no -o",
     "render scene.ply": "-o: is missing",
     "render scene.ply --cameras 4,7": "-o: is missing",
     "render scene.ply -o a.png --cameras 4,7": "-o a.png: names a picture; with --cameras it is a",
@@ -277,7 +278,7 @@ BAD = {
     "render scene.ply --cameras 4,7 --video v.mp4 --fps 0": "'--fps': .*or equal to 1",
     "render scene.ply --cameras 4,7 --video v.mp4 --beside roof": "--beside 'roof': unknown",
     "render scene.ply --cameras 4,7 --video v.mp4 --beside error": "--beside: goes with --engine g",
-    "render scene.ply --cameras sizes.json --video v.mp4": "64x48 and 63x48; --size",
+    "render scene.ply --cameras sizes.json --video v.mp4": "64x48 and 63x48; use --size",
 }
 
 
