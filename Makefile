@@ -7,7 +7,7 @@ SPLATCORE := $(BIN)/splatcore
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo pictures test test-compress verify testbenches coverage check report keep results clean
+.PHONY: help install demo pictures commands test test-compress verify testbenches coverage check report keep results clean
 
 help:
 	@echo "make demo           install, then simulate one frame of the built-in scene; pictures in out/"
@@ -18,6 +18,7 @@ help:
 	@echo "make coverage       run the tests of the whole machine; list conditions in hdl/ not covered"
 	@echo "make check          run lint, the rules of the repository and the quick tests"
 	@echo "make pictures       make the pictures in docs/, by the golden model and from docs/results"
+	@echo "make commands       write docs/commands.md from the help of all commands"
 	@echo "make report         make the page of results, of docs/results and newer results in out/"
 	@echo "make results        measure the results missing in out/report/results (hours for all scenes)"
 	@echo "make keep           write the results of out/report/results as tables into docs/results"
@@ -53,6 +54,9 @@ pictures: install
 		--engine golden -o docs/pictures/garden.png
 	$(SPLATCORE) compare out/reference.png docs/pictures/garden.png -o docs/pictures/garden-error.png
 	$(SPLATCORE) report -o out/pictures --section quality --pictures docs/pictures
+
+commands: install
+	$(BIN)/python -m splatcore.sim.cli.reference > docs/commands.md
 
 test: install
 	$(BIN)/ruff check .

@@ -113,7 +113,7 @@ def in_processes(views, machines, progress) -> Iterator[tuple[str, dict]]:
             }
             for name, future in as_done(waiting, news, progress):
                 facts, lines = future.result()
-                notes.tell(*lines)
+                notes.add(*lines)
                 yield name, facts
     except BrokenProcessPool as error:
         raise InputError(f"measuring views: a process {error}") from None

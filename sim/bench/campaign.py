@@ -104,7 +104,7 @@ def outcome(future: Future, task: Task) -> dict | Failure:
     """A task's result, or a `Failure` if it raised an error. Prints the notes of the worker."""
     try:
         found, lines = future.result()
-        notes.tell(*lines)
+        notes.add(*lines)
         return found
     except BrokenProcessPool:
         raise

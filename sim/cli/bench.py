@@ -1,4 +1,4 @@
-"""The group of commands `bench`, and the options that they share."""
+"""The group of commands `bench`, and the options and functions that they share."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,27 +6,31 @@ from pathlib import Path
 import typer
 
 from splatcore.model.pack.quality import QUALITIES
-from splatcore.sim.cli.options import App, app, argument, option
+from splatcore.sim.cli.options import OUTPUT, SCENE, App, app, argument, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
 from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.sim.common.size import parse_size
 from splatcore.sim.common.source import VIEW_SIZE, View, check_fits, check_known, check_source
 from splatcore.spec.config import Config
 
-bench = App(no_args_is_help=True, help="Measure cycles of the hardware, compiled and simulated.")
-app.add_typer(bench, name="bench")
+bench = App("bench", no_args_is_help=True, help="Measure many scenes or machines in one run.")
+app.add_group(bench)
 
-FolderOption = option(Path, "DIR", "Folder for results; kept results stay.", "-o", "--out")
-ScenesArgument = argument(
-    list[str] | None, "SCENE …", "Default: all in the folder SPLATCORE_SCENES."
+FolderOption = option(
+    Path, "DIR", "Folder for results; results already there are kept.", "-o", "--out", panel=OUTPUT
 )
-CamerasOption = option(str | None, "ID,ID,…", "Default: each scene's first, and more.")
-PixelsOption = option(str, "WxH", "Pixels.", "--size")
+ScenesArgument = argument(
+    list[str] | None, "SCENE …", "Scenes. Default: all in the folder SPLATCORE_SCENES."
+)
+CamerasOption = option(
+    str | None, "ID,ID,…", "Cameras. Default: the first of each scene, and more.", panel=SCENE
+)
+PixelsOption = option(str, "WxH", "Pixels of the pictures.", "--size", panel=SCENE)
 SchedulerOption = option(
     str | None,
     "ADDRESS",
-    "A Dask scheduler, like tcp://host:8786, whose workers do the work; they read the scene files "
-    "at the same paths. Default: processes here, one for each core.",
+    "Dask scheduler, like tcp://host:8786, whose workers do the work; they must find the scene "
+    "files at the same paths. Default: one process per core of this computer.",
 )
 SIZE = "x".join(map(str, VIEW_SIZE))
 
@@ -35,7 +39,10 @@ def look(
     output: Path, scene: list[str] | None, cameras: str | None, size: str,
     machines: Iterable[Config], quality: str | None = None, reading: Reading = AS_STATED,
 ) -> list[View]:  # fmt: skip
-    """The views to measure by some machines; makes the folder."""
+    """Check the arguments, make the output folder, and return the views to measure.
+
+    Raises InputError for a picture too large for one of the machines.
+    """
     for config in machines:
         check_fits(config, *parse_size(size))
     size = "x".join(map(str, parse_size(size)))
@@ -51,13 +58,13 @@ def look(
 
 
 def view_of(text: str, size: str, quality: str | None = None, reading: Reading = AS_STATED) -> View:
-    """The view of SCENE[:ID]."""
+    """Return the view that SCENE[:ID] names."""
     scene, _, camera = text.partition(":")
     return View(scene, camera, size, quality=quality, reading=reading)
 
 
 def finish(path: Path, facts: dict):
-    """Write the result; what failed is listed again, and is an exit status of 1."""
+    """Write the result; list the failures again and exit with status 1 if any."""
     write_json(path, facts)
     console.print(str(path), soft_wrap=True)
     if facts["failed"]:

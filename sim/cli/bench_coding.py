@@ -1,15 +1,17 @@
-"""The command `bench coding`: bytes of model files by the way of coding."""
+"""The command `bench coding`: bytes of model files by coding."""
 
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import bench
-from splatcore.sim.cli.options import AntialiasedOption, AxesOption, PresetOption, option
+from splatcore.sim.cli.options import MACHINE, AntialiasedOption, AxesOption, PresetOption, option
 from splatcore.sim.common.output import make_folder, progress_bar
 from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.source import check_known, check_source, scene_files
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
 
-QualitiesOption = option(str, "NAME,NAME,…", f"Of {', '.join(QUALITIES)}.", "--quality")
+QualitiesOption = option(
+    str, "NAME,NAME,…", f"Packings to code, of {', '.join(QUALITIES)}.", "--quality", panel=MACHINE
+)
 
 
 @bench.bench.command("coding")
@@ -21,11 +23,11 @@ def coding_command(
     quality: QualitiesOption = "compact,faithful",
     preset: PresetOption = "DEFAULT",
 ):
-    """Bytes of a model's file against those in memory, for each way to code it.
+    """Compare ways to code a packed model: bytes and time.
 
-    In percent of memory: its bytes as they are in zstd or lzma; columns of codes in zstd, without
-    and with differences of codes and copies of rows; with both, which is the file that `pack`
-    writes, an ideal range coder of bytes or lzma in place of zstd. Writes DIR/coding.json.
+    Prints the size of the file in percent of the model in memory. Codings: the plain bytes by zstd
+    or lzma; columns of codes by zstd, without and with differences of codes and copies of rows (as
+    `pack` writes them); the same by an ideal range coder or lzma. Writes DIR/coding.json.
     """
     config, names = find_preset(preset), [name.strip() for name in quality.split(",")]
     check_known("--quality", QUALITIES, *names)

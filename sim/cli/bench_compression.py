@@ -1,9 +1,16 @@
-"""The command `bench compression`."""
+"""The command `bench compression`: the paper's measurements of compression."""
 
 from pathlib import Path
 
 from splatcore.sim.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
-from splatcore.sim.cli.compress import BesideOption, DegreeOption, QualityOption, RateOption
+from splatcore.sim.cli.compress_options import (
+    LEARN,
+    TRAINING,
+    BesideOption,
+    DegreeOption,
+    QualityOption,
+    RateOption,
+)
 from splatcore.sim.cli.options import (
     AntialiasedOption,
     AxesOption,
@@ -31,7 +38,7 @@ from splatcore.spec.preset import find_preset
 DEFAULTS = Protocol(DEFAULT)
 
 ALL_PARTS, ALL_RATIOS = ",".join(BY_ITSELF), ",".join(f"{ratio:g}" for ratio in RATIOS)
-VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # defaults as the command line takes them
+VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # as on the command line
 
 
 ScenesArgument = argument(
@@ -40,20 +47,27 @@ ScenesArgument = argument(
     "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
     f"{', '.join(SCENES)} in the folder SPLATCORE_SCENES.",
 )
-PartOption = option(str, "PART,PART,…", "What to measure; see above.")
+PartOption = option(str, "PART,PART,…", "Parts to measure; see above.")
 StepsOption = option(
-    int | None, "N", "Fine-tuning steps after each pruning; other parts in proportion."
+    int | None,
+    "N",
+    "Fine-tuning steps after each pruning; other steps in proportion.",
+    panel=TRAINING,
 )
-TrainStepsOption = option(int, "N", "Steps of a baseline from photographs.")
-RatiosOption = option(str, "R,R,…", "Ratios of the curve.")
+TrainStepsOption = option(
+    int, "N", "Steps to train a scene from photographs first.", panel=TRAINING
+)
+RatiosOption = option(str, "R,R,…", "Compression ratios of the curve.")
 ScheduleSceneOption = option(
-    str | None, "SCENE", "Whose schedules are compared. Default: banana, else the first."
+    str | None, "SCENE", "Scene for the comparison of schedules. Default: banana, else the first."
 )
-ViewsOption = option(int, "N", "Teacher's views of a scene without photographs.")
-ViewSizeOption = option(str, "WxH", "Pixels of the teacher's views.")
-ScaleOption = option(float, "S", "Photographs are shrunk to this, 0 … 1.")
-OrderOption = option(str, "ORDER", "distill-first, or prune-first as in the paper.")
-SeedOption = option(int, "S", "Of everything random.")
+ViewsOption = option(
+    int, "N", "Pictures to learn from, of a scene without photographs.", panel=LEARN
+)
+ViewSizeOption = option(str, "WxH", "Pixels of the pictures to learn from.", panel=LEARN)
+ScaleOption = option(float, "S", "Shrink the photographs by this factor, 0 … 1.", panel=LEARN)
+OrderOption = option(str, "ORDER", "distill-first, or prune-first as in the paper.", panel=TRAINING)
+SeedOption = option(int, "S", "Random seed.", panel=TRAINING)
 
 
 @bench.command("compression")
@@ -82,20 +96,19 @@ def compression_command(
     liberty: LibertyOption = None,
     process: ProcessOption = None,
 ):
-    """Compress scenes and measure: the paper's tables, and the work that is left for the machine.
+    """Compress scenes; measure size, loss and machine work.
 
-    Quality is that of the reference's 8-bit pictures: against the photographs held out (every 7th)
-    where there are some, else against the original scene in views that compression never sees:
-    those of the file of cameras beside it, on and beside whose path it learns, or others all round.
+    Loss is measured on 8-bit pictures of the reference renderer: against the held-out photographs
+    (every 7th), or else against the original scene, in views that compression does not learn from
+    (the cameras next to the scene file, or generated ones).
 
-    steps: size, PSNR, SSIM, FLIP (LPIPS where its weights are installed) and the machine's work
-    after each step. schedule: pruning schedules with the same number of fine-tuning steps.
-    curve: ratio against loss. budget: the error of the compressed model beside the machine's.
-    power: an ESTIMATE of what the machine takes after each step, simulated in RTL (see `splatcore
-    power`); in cells as well with --liberty.
+    Parts: steps (size, PSNR, SSIM, FLIP, LPIPS if its weights are installed, and the machine's work
+    after each step); schedule (pruning schedules with equal numbers of fine-tuning steps); curve
+    (ratio against loss); budget (error of compression against error of the machine); power (an
+    ESTIMATE after each step, from RTL simulation; see `splatcore power`).
 
-    Writes DIR/compression.json, a CSV file for each part, curve.png and a contact sheet for each
-    scene. What is in DIR already is not made again.
+    Writes DIR/compression.json, one CSV file per part, curve.png and one contact sheet per scene.
+    Results already in DIR are kept.
     """
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
@@ -103,8 +116,8 @@ def compression_command(
         rate, order, degree, quality, Reading(antialiased, axes, near),
     )  # fmt: skip
     if not 0 < scale <= 1:
-        raise InputError(f"--scale {scale:g}: is not over 0 and at most 1")
-    _ = protocol.recipe  # refuses what cannot be
+        raise InputError(f"--scale {scale:g}: must be above 0 and at most 1")
+    _ = protocol.recipe  # raises InputError for an impossible recipe
     found = find(list(scene or ()))
     chosen = scheduled(schedule_scene, [Path(path).resolve().name for path in found])
     parts, wanted = parse_parts(part), parse_ratios(ratios)
@@ -120,22 +133,22 @@ def compression_command(
 
 
 def scheduled(asked: str | None, names: list[str]) -> str:
-    """The scene whose schedules are compared; InputError for one that is not there."""
+    """Return the scene whose schedules are compared; raise InputError for an unknown one."""
     chosen = Path(asked or (SCENES[0] if SCENES[0] in names else names[0])).name
     if chosen not in names:
-        raise InputError(f"--schedule-scene {chosen}: is not among {', '.join(names)}")
+        raise InputError(f"--schedule-scene {chosen}: must be one of {', '.join(names)}")
     return chosen
 
 
-def at_least(option: str, value: int | None, least: int = 1) -> int | None:
-    """InputError for a number that is too small."""
-    if value is not None and value < least:
-        raise InputError(f"{option} {value}: is not {least} or more")
+def at_least(option: str, value: int | None, minimum: int = 1) -> int | None:
+    """Return the number; raise InputError if it is below a minimum."""
+    if value is not None and value < minimum:
+        raise InputError(f"{option} {value}: must be {minimum} or more")
     return value
 
 
 def parse_parts(text: str) -> list[str]:
-    """Parts with commas between them, in the order of PARTS."""
+    """Parse parts separated by commas; return them in the order of PARTS."""
     asked = [name.strip() for name in text.split(",")]
     check_known("--part", PARTS, *asked)
     return [name for name in PARTS if name in asked]
@@ -144,7 +157,7 @@ def parse_parts(text: str) -> list[str]:
 def cells_for(
     parts: list[str], liberty: str | None, process: float | None
 ) -> tuple[Library, float] | None:
-    """A library and its process in nm; InputError where no part makes use of it."""
+    """Read the library; return it and its process in nm. Raise InputError if no part uses it."""
     library = checked_library(liberty, process)
     if library and "power" not in parts:
         raise InputError(f"--liberty {liberty}: goes with --part power only")
@@ -152,11 +165,11 @@ def cells_for(
 
 
 def parse_ratios(text: str) -> tuple[float, ...]:
-    """Ratios over 1 with commas between them, the smallest first."""
+    """Parse ratios above 1 separated by commas; return them in ascending order."""
     try:
         ratios = tuple(sorted(set(map(float, text.split(",")))))
     except ValueError:
-        raise InputError(f"--ratios '{text}': are not numbers with commas between them") from None
+        raise InputError(f"--ratios '{text}': must be numbers separated by commas") from None
     if not all(1 < ratio < 10_000 for ratio in ratios):
-        raise InputError(f"--ratios '{text}': are not all over 1 and below 10,000")
+        raise InputError(f"--ratios '{text}': must all be above 1 and below 10,000")
     return ratios

@@ -1,4 +1,4 @@
-"""`splatcore bench differentiable`: seconds of the CPU's differentiable renderer."""
+"""The command `bench differentiable`: seconds of the CPU's differentiable renderer."""
 
 from statistics import median
 from time import perf_counter
@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.options import JsonOption, option
+from splatcore.sim.cli.options import SCENE, JsonOption, option
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.size import parse_size
 from splatcore.sim.compression.run import check_installed
@@ -16,15 +16,16 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Gaussians
 
-COUNT, SIZE = 100_000, "960x540"  # the garden and the picture that the bound is about
+COUNT, SIZE = 100_000, "960x540"  # Gaussians and pixels for which `BOUND` holds
 
 BOUND = 1.5
-"""Seconds of forward and backward together that COUNT Gaussians at SIZE may take on two cores."""
+"""Upper bound in seconds of forward and backward together, with COUNT Gaussians at SIZE on two
+cores."""
 
 
-GaussiansOption = option(int, "N", "Of the garden.")
-SizeOption = option(str, "WxH", "Pixels.")
-RepeatOption = option(int, "N", "Times are medians of N runs.")
+GaussiansOption = option(int, "N", "Number of Gaussians in the generated garden.")
+SizeOption = option(str, "WxH", "Pixels of the picture.", "--size", panel=SCENE)
+RepeatOption = option(int, "N", "Number of runs; the medians are printed.")
 
 
 @bench.command("differentiable")
@@ -34,13 +35,14 @@ def differentiable_command(
     repeat: RepeatOption = 5,
     json: JsonOption = None,
 ):
-    """Time forward and backward of the differentiable renderer on the CPU, in float32.
+    """Time the differentiable renderer on the CPU.
 
-    The scene is the generated garden. A run before the measured ones compiles.
+    Renders the generated garden in float32, forward and backward. A first run, which compiles, is
+    not measured.
     """
     width, height = parse_size(size)
     if repeat < 1:
-        raise InputError(f"--repeat {repeat}: is not at least 1")
+        raise InputError(f"--repeat {repeat}: must be at least 1")
     try:
         scene = generate("garden", gaussians)
     except InputError as error:
@@ -60,7 +62,7 @@ def differentiable_command(
 
 
 def measure(gaussians: Gaussians, camera: Camera, repeat: int) -> dict:
-    """Median seconds of forward and backward in float32, threads, pairs and visible Gaussians."""
+    """Return median seconds of forward and backward in float32, and counts of the picture."""
     import torch
     from numba import get_num_threads
 
@@ -86,7 +88,7 @@ def measure(gaussians: Gaussians, camera: Camera, repeat: int) -> dict:
 
 
 def pairs(gaussians: Gaussians, camera: Camera) -> int:
-    """Pairs of a visible splat and a tile that it reaches, as the renderer lists them."""
+    """Count the pairs of a visible splat and a tile that it reaches, as the renderer does."""
     from numba import get_num_threads
 
     from splatcore.model.gradients import rendering_points, rendering_tiles

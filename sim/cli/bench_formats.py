@@ -1,4 +1,4 @@
-"""The command `bench formats`: other compressed formats of a scene beside our models."""
+"""The command `bench formats`: other compressed formats of a scene against packed models."""
 
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import (
@@ -13,8 +13,12 @@ from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-ToolOption = option(str | None, "PROGRAM", "PlayCanvas' splat-transform. Default: that on PATH.")
-ModelOption = option(list[str] | None, "MODEL", "Made of SCENE by `compress`; may be repeated.")
+ToolOption = option(
+    str | None, "PROGRAM", "PlayCanvas' splat-transform. Default: splat-transform on PATH."
+)
+ModelOption = option(
+    list[str] | None, "MODEL", "Model that `compress` made from SCENE; may be repeated."
+)
 
 
 @bench.bench.command("formats")
@@ -31,11 +35,12 @@ def formats_command(
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
-    """Bytes against dB of a scene in other formats, beside our models of it.
+    """Compare other file formats with packed models: bytes and dB.
 
     SOG, compressed PLY and SPZ are written by PlayCanvas' splat-transform (npm install -g
-    @playcanvas/splat-transform), on the CPU. dB are of the reference's 8-bit pictures against the
-    scene as it is. Writes DIR/formats.json, and leaves the files there.
+    @playcanvas/splat-transform), on the CPU. dB compare the reference renderer's 8-bit pictures
+    with its pictures of the original scene. Writes DIR/formats.json; the files in each format stay
+    in DIR.
     """
     if model and len(scene or ()) != 1:
         raise InputError("--model: goes with one SCENE")
@@ -47,7 +52,7 @@ def formats_command(
     )
     facts = formats(config, views, path, list(model or ()), output, scheduler)
     headings = "Gaussians|degree|MB in memory|MB of the file|times smaller|dB, scene".split("|")
-    table = new_table("view", headings, "files against the scene as it is", ["format"])
+    table = new_table("view", headings, "files against the original scene", ["format"])
     for row in facts["rows"]:
         table.add_row(
             f"{row['scene']} {row['camera']}", f"{row['gaussians']:,}", str(row["sh_degree"]),

@@ -3,6 +3,7 @@
 from splatcore.sim.bench.quality import TARGETS, quality
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import (
+    MACHINE,
     AntialiasedOption,
     AxesOption,
     NearOption,
@@ -16,7 +17,9 @@ from splatcore.spec.preset import find_preset
 
 AGAINST = ("scene", "packing", "machine")
 
-TargetsOption = option(str, "DB,DB,…", "dB to find the smallest models for.", "--psnr")
+TargetsOption = option(
+    str, "DB,DB,…", "Also pack the smallest model for each PSNR.", "--psnr", panel=MACHINE
+)
 
 
 @bench.bench.command("quality")
@@ -32,22 +35,23 @@ def quality_command(
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
-    """Bytes a Gaussian against dB, for each way to pack a scene.
+    """Measure bytes per Gaussian against dB for each way to pack.
 
-    dB are of 8-bit pictures of the golden model: against the scene as it is (scene) and against the
-    reference on the same packed model (machine). Writes DIR/quality.json, a plot and pictures.
+    dB of the golden model's 8-bit pictures: against the reference's picture of the original scene
+    ("scene") and of the same packed model ("machine"). Writes DIR/quality.json, a plot and
+    pictures.
     """
     try:
         targets = [float(text) for text in psnr.split(",") if text.strip()]
     except ValueError:
-        raise InputError(f"--psnr '{psnr}': is not numbers between commas") from None
+        raise InputError(f"--psnr '{psnr}': must be numbers separated by commas") from None
     config = find_preset(preset)
     found = bench.look(
         output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
     )
     facts = quality(config, found, targets, output, scheduler)
     headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
-    table = new_table("view", headings.split("|"), "by golden and cycle model", ["asked for"])
+    table = new_table("view", headings.split("|"), "by golden and cycle model", ["packing"])
     for row in facts["rows"]:
         decibels = [shown(row[f"psnr_db_{name}"], ".2f", none="∞") for name in AGAINST]
         table.add_row(

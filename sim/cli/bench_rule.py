@@ -1,4 +1,4 @@
-"""The command `bench rule`: what is too faint to be seen, cycles against error."""
+"""The command `bench rule`: faintness rules, cycles against error."""
 
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import (
@@ -26,13 +26,13 @@ def rule_command(
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
-    """Rules for what is too faint to be seen: stage 3's cycles against error.
+    """Compare faintness rules: cycles of stage 3 against error.
 
-    A rule A, B, C: with T below 2^-A, a splat that would take less than 2^-B is skipped, and one
-    that would leave less than 2^-C takes all. A is 4, 5, 6, B is 9, 11, 13, and C is B − 2; the
-    first rule is 3DGS's own, and some others come last. By golden and cycle model; dB
-    and largest error of 8-bit pictures against the reference on the same packed model under 3DGS's
-    rule. Writes DIR/rule.json, rule.md and rule.csv.
+    Under rule A, B, C, once T is below 2^-A, a splat that would take less than 2^-B of the light
+    is skipped, and one that would leave less than 2^-C takes all of it. Tries A = 4, 5, 6, B = 9,
+    11, 13, C = B − 2, 3DGS's own rule and some others, by golden and cycle model. dB and maximum
+    error compare 8-bit pictures with the reference's of the same packed model under 3DGS's rule.
+    Writes DIR/rule.json, rule.md and rule.csv.
     """
     from splatcore.sim.bench.rule import cells, measure_rules
 

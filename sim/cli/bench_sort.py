@@ -1,18 +1,18 @@
-"""The command `bench sort`: cycles of sorting, in RTL simulation."""
+"""The command `bench sort`: cycles of sorting in RTL simulation."""
 
 from pathlib import Path
 
 from splatcore.sim.cli.bench import bench
-from splatcore.sim.cli.options import JsonOption, PresetOption, option
+from splatcore.sim.cli.options import OUTPUT, JsonOption, PresetOption, option
 from splatcore.sim.common.output import console, write_json
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-LENGTH_MAX = 1_000_000  # longest list that can be asked for: more than a frame has in a group
+LENGTH_MAX = 1_000_000  # upper limit of --lengths: more entries than a frame has in a group
 
 
-OutputOption = option(Path, "DIR", "Folder for sort.png.", "-o")
-LengthsOption = option(str | None, "N,N,…", "Entries of the lists. Default: 1 to 20,000.")
+OutputOption = option(Path, "DIR", "Folder for sort.png.", "-o", panel=OUTPUT)
+LengthsOption = option(str | None, "N,N,…", "Entries per list. Default: 1 to 20,000.")
 
 
 @bench.command("sort")
@@ -22,11 +22,11 @@ def sort_command(
     lengths: LengthsOption = None,
     json: JsonOption = None,
 ):
-    """Sort lists of random, equal, sorted, reversed and clustered keys with stage 2 in RTL.
+    """Measure the cycles of sorting, with stage 2 simulated in RTL.
 
-    Prints cycles from the first entry of a list to the mark behind it, by length and kind of keys,
-    beside those of the cycle model, and draws them in DIR/sort.png. All that comes out is compared
-    with the golden model.
+    Sorts lists of random, equal, sorted, reversed and clustered keys. Prints the cycles from the
+    first entry to the end mark of a list, simulated and by the cycle model, and plots them in
+    DIR/sort.png. The sorted lists are compared with the golden model's.
     """
     config = find_preset(preset)
     asked = None if lengths is None else parse_lengths(lengths)
@@ -47,11 +47,11 @@ def sort_command(
 
 
 def parse_lengths(text: str) -> tuple[int, ...]:
-    """Numbers with commas between them; InputError for anything else."""
+    """Parse numbers separated by commas; raise InputError for anything else."""
     try:
         lengths = tuple(map(int, text.split(",")))
     except ValueError:
-        raise InputError(f"--lengths '{text}': are not numbers with commas between them") from None
+        raise InputError(f"--lengths '{text}': must be numbers separated by commas") from None
     if not all(1 <= length <= LENGTH_MAX for length in lengths):
-        raise InputError(f"--lengths '{text}': are not all in 1 … {LENGTH_MAX}")
+        raise InputError(f"--lengths '{text}': must all be in 1 … {LENGTH_MAX}")
     return lengths

@@ -1,10 +1,11 @@
-"""Commands of `bench` that measure views: `scenes`, `sweep`, `ablation`, `work`."""
+"""The commands `bench scenes`, `bench sweep`, `bench ablation` and `bench work`."""
 
 import typer
 from rich.table import Table
 
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import (
+    MACHINE,
     AntialiasedOption,
     AxesOption,
     NearOption,
@@ -19,14 +20,20 @@ from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.machine.script import TIMINGS, find_timing
 from splatcore.spec.preset import find_preset
 
-TimingOption = option(str, "NAME", "Memory: 'ideal', 'lpddr4' or 'both'.")
-PointOption = option(list[str] | None, "NAME", "Only these machines; see --list.", "--point")
-ListOption = option(bool, None, "Print the machines and end.", "--list")
+TimingOption = option(str, "NAME", "Memory model: 'ideal', 'lpddr4' or 'both'.", panel=MACHINE)
+PointOption = option(
+    list[str] | None,
+    "NAME",
+    "Measure this machine only (see --list); may be repeated.",
+    "--point",
+    panel=MACHINE,
+)
+ListOption = option(bool, None, "List the machines and exit.", "--list", panel=MACHINE)
 ConfirmOption = option(
-    str | None, "SCENE[:ID]", "Simulate the machines of the front on this view in RTL."
+    str | None, "SCENE[:ID]", "Also simulate the machines of the Pareto front on this view in RTL."
 )
 RtlOption = option(
-    list[str] | None, "SCENE[:ID]", "Simulate all steps on this view in RTL.", "--rtl"
+    list[str] | None, "SCENE[:ID]", "Also simulate all steps on this view in RTL.", "--rtl"
 )
 
 
@@ -43,10 +50,10 @@ def scenes_command(
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
 ):
-    """Render scenes by the simulated machine: cycles, traffic, and whether the pictures are right.
+    """Render scenes in RTL: cycles, memory traffic, correctness.
 
-    A result that is in DIR already is not simulated again while the machine's Verilog is the same.
-    Exit status 1 if a picture is not the golden model's.
+    Results already in DIR are kept as long as the machine's Verilog is the same. Exit status 1 if a
+    picture differs from the golden model's.
     """
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
@@ -75,13 +82,13 @@ def sweep_command(
     confirm: ConfirmOption = None,
     scheduler: bench.SchedulerOption = None,
 ):
-    """Speed against error and gates: many machines, many scenes, by golden and cycle model.
+    """Compare many machines on many scenes: speed, error, gates.
 
-    Writes DIR/sweep.json: cycles, PSNR and largest error (against the reference on the same packed
-    model, and on the scene as it is) of each machine on each view, gates and memories of each, and
-    which of them no other one beats in cycles (of the slowest view, and the geometric mean of
-    all), gates and PSNR (of the machine) together.
-    Gates are those of the parts that differ, synthesised, and of DEFAULT for the rest.
+    Writes DIR/sweep.json: by golden and cycle model, cycles, PSNR and maximum error of each machine
+    on each view, against the reference on the same packed model and on the original scene; gates
+    and memories of each machine; and the Pareto front: the machines that no other one beats in
+    cycles (slowest view and geometric mean), gates and PSNR together. Parts that differ from
+    DEFAULT's are synthesised; the other gates are DEFAULT's.
     """
     from splatcore.sim.bench import campaigns
     from splatcore.sim.bench.sweep_points import points
@@ -106,10 +113,10 @@ def sweep_command(
 
 
 def sweep_table(facts: dict) -> Table:
-    """The points of a sweep."""
-    headings = "k cycles|… mean|FPS|dB least|dB mean|max error|k gates|KB|front".split("|")
+    """Return a table of the machines of a sweep."""
+    headings = "k cycles|… mean|FPS|dB min|dB mean|max error|k gates|KB|front".split("|")
     table = new_table(
-        "machine", headings, "slowest and worst view of each; dB and largest error of the machine"
+        "machine", headings, "slowest and worst view of each; dB and maximum error of the machine"
     )
     forms = {
         "frame_cycles_max": (",.0f", 1000), "frame_cycles_mean": (",.0f", 1000),
@@ -137,10 +144,10 @@ def ablation_command(
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
-    """Gain of culling, zero skipping and early termination, one after the other.
+    """Measure the gain of culling, zero skipping and early termination.
 
-    Each step is a machine of its own, with the features that are off left out of it. Cycles are the
-    cycle model's; pictures and counts the golden model's. Writes DIR/ablation.json.
+    Adds them one by one; each step is a machine built without the missing ones. Cycles are from the
+    cycle model, pictures and counts from the golden model. Writes DIR/ablation.json.
     """
     config = find_preset(preset)
     found = bench.look(
@@ -153,7 +160,7 @@ def ablation_command(
     simulated = [bench.view_of(text, size, quality, reading) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     names = [step["name"] for step in facts["steps"]]
-    table = new_table("view", names, "frames a second at 800 MHz")
+    table = new_table("view", names, "frames per second at 800 MHz")
     cells: dict[str, list[str]] = {}
     for row in facts["rows"]:
         title = f"{row['scene']} {row['camera']}"
@@ -178,9 +185,10 @@ def work_command(
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
-    """Work of scenes for the machine by every camera: culling, early termination, busy PEs, tiles.
+    """Measure the machine's work for every camera of a scene.
 
-    Writes DIR/work.json, with how many splats reach each tile.
+    Counts culling, early termination, busy PEs and pairs of splat and tile. Writes DIR/work.json,
+    with the number of splats in each tile.
     """
     config = find_preset(preset)
     found = bench.look(

@@ -1,6 +1,6 @@
-"""The group of commands `splatcore board`: the machine on a ULX3S, and frames by it."""
+"""The group of commands `splatcore board`: the machine on a ULX3S."""
 
 from splatcore.sim.cli.options import App, app
 
-board = App(no_args_is_help=True, help="The machine on an FPGA board: its files, and frames of it.")
-app.add_typer(board, name="board")
+board = App("board", no_args_is_help=True, help="Build the machine for an FPGA board and use it.")
+app.add_group(board)

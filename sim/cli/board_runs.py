@@ -1,4 +1,4 @@
-"""The commands `board write` and `board render`: a ULX3S's files, and a frame by a board."""
+"""The commands `board write` and `board render`: files for a ULX3S, and a frame from a board."""
 
 import time
 from contextlib import closing
@@ -10,7 +10,7 @@ import typer
 from splatcore.sim.cli import options
 from splatcore.sim.cli.board import board
 from splatcore.sim.cli.options import option
-from splatcore.sim.common.metric import against, differences, told
+from splatcore.sim.common.metric import against, differences, metrics_line
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import write_png
 from splatcore.sim.common.reading import Reading
@@ -25,24 +25,28 @@ from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
 SDRAMS = {"32": "MT48LC16M16", "64": "AS4C32M16"}
-"""Chips of SDRAM that a ULX3S may have, by their megabytes."""
+"""SDRAM chips of ULX3S boards by size in megabytes."""
 
 LIBRARIES = ("litex", "litedram", "litex_boards")
 
-BoardPresetOption = option(str, "NAME|FILE", "Machine.", "--preset")
-ClockOption = option(float, "MHZ", "Clock of machine and SDRAM.", min=1, max=133)
-BaudOption = option(int, "N", "Bits a second of the UART.", min=9600, max=3_000_000)
-SdramOption = option(str, "MB", f"SDRAM: {', '.join(SDRAMS)}.")
-BoardOption = option(str, "DIR", "Folder that `board write` has written.", "--board")
-PortOption = option(str, "DEVICE", "Serial port, like /dev/ttyUSB0.")
-OutputOption = option(Path, "OUT.png", "Where to write the picture.", "-o")
+BOARD = "Board"
+
+BoardPresetOption = option(
+    str, "NAME|FILE", "Machine: a preset or a TOML file.", "--preset", panel=options.MACHINE
+)
+ClockOption = option(float, "MHZ", "Clock of machine and SDRAM.", min=1, max=133, panel=BOARD)
+BaudOption = option(int, "N", "UART rate in bits per second.", min=9600, max=3_000_000, panel=BOARD)
+SdramOption = option(str, "MB", f"Size of the SDRAM: {', '.join(SDRAMS)} MB.", panel=BOARD)
+BoardOption = option(str, "DIR", "Folder written by `board write`.", "--board", panel=BOARD)
+PortOption = option(str, "DEVICE", "Serial port, like /dev/ttyUSB0.", panel=BOARD)
+OutputOption = option(Path, "OUT.png", "Picture to write.", "-o", panel=options.OUTPUT)
 
 
 def check_libraries():
-    """InputError without the libraries of the extra [board]."""
+    """Raise InputError unless the libraries of the extra [board] are installed."""
     for name in LIBRARIES:
         if find_spec(name) is None:
-            raise InputError(f"board: {name} is missing; pip install 'splatcore[board]'")
+            raise InputError(f"board: needs {name}: pip install 'splatcore[board]'")
 
 
 @board.command("write")
@@ -53,11 +57,11 @@ def write_command(
     baud: BaudOption = 1_000_000,
     sdram: SdramOption = "32",
 ):
-    """Write the files of a ULX3S with an LFE5U-85F: Verilog, pins, a Makefile for the bitstream.
+    """Write the files for a ULX3S board: Verilog, pins and a Makefile.
 
-    The machine is in a LiteX system with the SDRAM's controller (LiteDRAM) and a UART, by which
-    `board render` reaches memory and registers. `make` in the folder synthesises, places and routes
-    with yosys and nextpnr from PyPI; README.md there says more.
+    For a ULX3S with an LFE5U-85F. The machine is part of a LiteX system with an SDRAM controller
+    (LiteDRAM) and a UART, through which `board render` accesses memory and registers. `make` in the
+    folder builds the bitstream with yosys and nextpnr from PyPI; see README.md there.
     """
     check_known("--sdram", SDRAMS, sdram)
     config = find_preset(preset)
@@ -83,9 +87,9 @@ def render_command(
     near: options.NearOption = None,
     json: options.JsonOption = None,
 ):
-    """Render a frame by a board, and compare it with the golden model's.
+    """Render a frame on a board and compare it with the golden model.
 
-    Model and picture go over a serial port. Exit status 1 if a pixel is not the golden model's.
+    Model and picture are sent over a serial port. Exit status 1 if a pixel differs.
     """
     check_libraries()
     from splatcore.sim.board.host import Host, read_board
@@ -115,19 +119,20 @@ def render_command(
     rate = clock / max(frame.preprocessing, frame.rendering)
     same = f"{wrong} pixels differ from" if wrong else "identical to"
     console.print(
-        f"{output}: {same} the golden model; against the reference: {told(found)}", soft_wrap=True
+        f"{output}: {same} the golden model; against the reference: {metrics_line(found)}",
+        soft_wrap=True,
     )
     console.print(
         f"{frame.preprocessing} cycles of preprocessing, {frame.rendering} of rendering: "
-        f"{rate:.1f} frames a second at {clock / 1e6:g} MHz; {seconds:.1f} s with all transfers",
+        f"{rate:.1f} frames per second at {clock / 1e6:g} MHz; {seconds:.1f} s with all transfers",
         soft_wrap=True,
     )
-    told_facts = {
+    facts_written = {
         "scene": scene, "preset": config.name, "size": [view.width, view.height],
         "clock_hz": clock, "preprocessing_cycles": frame.preprocessing,
         "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
         "seconds": round(seconds, 3), "identical": not wrong, **source.stated,
     }  # fmt: skip
-    write_json(json, told_facts | against(found))
+    write_json(json, facts_written | against(found))
     if wrong:
         raise typer.Exit(1)

@@ -1,19 +1,19 @@
-"""The command `cache`: what is kept of long work, where, and how large it is."""
+"""The command `cache`: compiled machines and synthesis results that are kept."""
 
 from splatcore.sim.cli.options import JsonOption, app, option
 from splatcore.sim.common import cache
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.table import new_table, print_whole
 
-EmptyOption = option(bool, None, "Remove all of it.", "--empty")
+EmptyOption = option(bool, None, "Delete everything in the cache.", "--empty")
 
 
 @app.command("cache")
 def cache_command(empty: EmptyOption = False, json: JsonOption = None):
-    """Say where compiled machines and results of synthesis are kept, and how large they are.
+    """Show or clear the cache of compiled machines and synthesis results.
 
-    They are made again when they are wanted again: minutes for each machine. The environment
-    variable SPLATCORE_CACHE names another folder.
+    Cleared entries are rebuilt on demand, which takes minutes per machine. The environment variable
+    SPLATCORE_CACHE sets another folder.
     """
     root = cache.cache_root()
     sizes = {kind: sum(map(cache.size_of, paths)) for kind, paths in cache.kept().items()}

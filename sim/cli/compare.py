@@ -1,4 +1,4 @@
-"""The command `compare`: errors of images, or of engines' images, against the first."""
+"""The command `compare`: errors of images, or of engines' pictures, against the first one."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -34,11 +34,19 @@ from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-ImagesArgument = argument(list[str], "A.png|ENGINE B.png|ENGINE …", "The first is compared with.")
-SceneOption = option(str | None, "SCENE|MODEL", "What the engines render.")
-OutputOption = option(Path | None, "MAP.png", "Draw an error map of the second image.", "-o")
+ImagesArgument = argument(
+    list[str],
+    "A.png|ENGINE B.png|ENGINE …",
+    f"The first is the reference for the others. ENGINE: {', '.join(ENGINES)}.",
+)
+SceneOption = option(
+    str | None, "SCENE|MODEL", "Scene or model that engines render.", panel=options.SCENE
+)
+OutputOption = option(
+    Path | None, "MAP.png", "Draw an error map of the second image.", "-o", panel=options.OUTPUT
+)
 
-WHOLE = "/"  # no image's name
+WHOLE = "/"  # key of the pictures of the original scene: no image has this name
 
 COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
 """Columns of a table of cameras."""
@@ -59,31 +67,31 @@ def compare_command(
     output: OutputOption = None,
     json: options.JsonOption = None,
 ):
-    """PSNR, SSIM and maximum error of images against the first one, and an error map.
+    """Compare images with the first one: PSNR, SSIM and maximum error.
 
-    Instead of a PNG file an engine may be named; it renders --scene from --camera. Beside golden
-    or rtl the reference renders the same packed model (machine); if it comes first, they are also
-    compared with its picture of the scene as it is (scene). With --cameras, which goes with
-    reference golden, there is a row per camera, and minimum, mean and maximum of them.
+    An image is a PNG file, or an engine, which renders --scene from --camera. Next to golden or
+    rtl, the reference renders the same packed model ("machine"); if it comes first, they are also
+    compared with its picture of the original scene ("scene"). --cameras works with reference golden
+    and prints one row per camera, and their minimum, mean and maximum.
     """
     path.check(camera, cameras, scheduler)
     if len(images) < 2:
-        raise InputError("compare: needs two images or more")
+        raise InputError("compare: needs at least two images")
     config, drawn, mark = find_preset(preset), {}, {}
     reading = Reading(antialiased, axes, near)
     if cameras:
         if images != ["reference", "golden"] or scene is None or output:
-            raise InputError("--cameras: goes with reference golden --scene SCENE, without -o")
+            raise InputError("--cameras: needs reference golden --scene SCENE, and no -o")
         source, views = path.open_all(cameras, size, scene, reading, config)
         quality = path.quality_of(source, config, views)
         rows = list(path.along(compared_view, source, views, (config, quality), scheduler))
-        write_json(json, path.tell(source, rows, COLUMNS, "golden against reference"))
+        write_json(json, path.print_table(source, rows, COLUMNS, "golden against reference"))
         return
     for text in images:
         if text not in ENGINES:
             drawn[text] = read_png(text)
         elif scene is None:
-            raise InputError(f"compare {text}: --scene says nothing about what to render")
+            raise InputError(f"compare {text}: needs --scene, the scene to render")
     if named := [text for text in images if text in ENGINES]:
         with progress_bar(f"reading {scene}"):
             source = open_source(scene, reading)
@@ -110,8 +118,11 @@ def compare_command(
 def compared(
     images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None, mark: dict
 ) -> list[tuple[Compared, dict[str, Difference]]]:
-    """Metrics of each image against the first one, and by name the same for the table. mark:
-    `Source.stated` of the scene that engines rendered, empty without one."""
+    """Return the metrics of each image against the first one: for JSON, and by name for the table.
+
+    drawn: the images, uint8 [H, W, 3], by name
+    mark: `Source.stated` of the scene that engines rendered; empty without a scene
+    """
     first = images[0]
     packed = bool({"golden", "rtl"} & set(images))
     truth = f"{first} on the packed model" if first == "reference" and packed else first
@@ -129,7 +140,7 @@ def compared(
 
 
 def compared_view(source: Source, view: Camera, config: Config, quality: str | None) -> dict:
-    """golden against reference, the golden model's counts, how a scene was packed."""
+    """Worker: compare golden with reference; return a row with counts and packing."""
     from splatcore.sim.packing.choose import packing
 
     images = ["reference", "golden"]
@@ -141,7 +152,7 @@ def compared_view(source: Source, view: Camera, config: Config, quality: str | N
 
 
 def cells(metrics: Difference) -> tuple[str, str, str]:
-    """PSNR, SSIM and largest error in the table."""
+    """Return PSNR, SSIM and maximum error as texts of the table."""
     return (
         "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
         "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
@@ -152,9 +163,11 @@ def cells(metrics: Difference) -> tuple[str, str, str]:
 def rendered(
     engines: list[str], source: Source, view: Camera, config: Config, quality: str | None = None
 ) -> tuple[dict, dict]:
-    """What engines render of a source, and the counts of golden or reference; beside golden or rtl
-    the reference renders the model, and `WHOLE` is the scene as it is: {"scene": picture}, if it
-    is one."""
+    """Render a source by engines; return the pictures by engine, and the counts.
+
+    With golden or rtl, the reference renders the packed model, and the key `WHOLE` holds {"scene":
+    its picture of the original scene}, or {} for a source that is a packed model.
+    """
     from splatcore.sim.machine.engines import golden_of, reference, rtl_pixels, truths
     from splatcore.sim.packing.choose import packed_model
 

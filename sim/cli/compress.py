@@ -1,4 +1,4 @@
-"""The commands `train` and `compress`: photographs to a scene, a scene to a small model."""
+"""The commands `train` (photographs to a scene) and `compress` (a scene to a small model)."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,9 +10,8 @@ from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
-from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
+from splatcore.sim.cli import compress_options as own
 from splatcore.sim.cli import options
-from splatcore.sim.cli.options import argument, option
 from splatcore.sim.common import output as files
 from splatcore.sim.common.cache import digest
 from splatcore.sim.common.metric import difference
@@ -29,88 +28,27 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
 from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 
-LOOKED_AT = 4  # views on which the loss is measured where there are no photographs
-
-FolderArgument = argument(
-    str, "DIR", "COLMAP model with its photographs in images/ beside or above it."
-)
-OutputOption = option(Path, "SCENE.ply", "Where to write it.", "-o")
-StepsOption = option(int, None, "Steps of optimisation.", min=1)
-TuneStepsOption = option(
-    int, None, "Steps after each pruning; those of all after a single one.", min=0
-)
-ViewsOption = option(int, None, "Own pictures, without --images.", min=1)
-SizeOption = option(str, "WxH", "Of the own pictures: as it will be rendered.")
-ScaleOption = option(float, "S", "Shrink the photographs: 0.5 is half their size.")
-HoldOutOption = option(int, "N", "Keep every N-th photograph for measuring; 0: none.", min=0)
-ImagesOption = option(str | None, "DIR", "COLMAP folder or transforms.json with photographs.")
-CamerasOption = option(
-    str | None,
-    "FILE",
-    "Without --images: from where the scene will be looked at, as cameras.json, "
-    "transforms.json or COLMAP folder. It learns on their path, not from all round.",
-)
-BesideOption = option(
-    float | None,
-    "S",
-    "On a path of cameras: share of the views that lie beside it, up to 15° off, at 0.8 to 1.25 "
-    f"times its distance; 0 … 1. Default: {run.BESIDE_SHARE:g}.",
-    min=0,
-    max=1,
-)
-ScheduleOption = option(
-    str, "R,R,…", "Shares that the prunings remove, one by one; all at once where a target decides."
-)
-RatioOption = option(float | None, "R", "So many times smaller than the scene's float32 PLY.")
-BytesOption = option(int | None, "N", "At most so many bytes in memory.")
-PsnrOption = option(float | None, "DB", "As small as keeps this PSNR on pictures kept aside.")
-FpsOption = option(float | None, "F", "So many frames a second of the machine, by its cycle model.")
-DropOption = option(float | None, "DB", "Lose at most this on photographs kept aside.")
-DistillOption = option(int, None, "Steps for each degree that goes, after least squares.", min=0)
-QuantizeOption = option(int, None, "Steps under the packed model's numbers.", min=0)
-RateOption = option(float, "S", "Learning rates, as a share of those that suit most scenes.")
-OrderOption = option(str, "ORDER", "distill-first: harmonics go first; or prune-first.")
-DegreeOption = option(
-    int | None,
-    None,
-    "Of the model's harmonics; from 2 on it is packed in steps. Default: chosen by trials.",
-    min=0,
-    max=3,
-)
-QualityOption = option(
-    str | None,
-    None,
-    f"Of a model of degree 2 or 3: {' or '.join(STEPPED)} (default: "
-    f"{STEPPED[0]}); of degree 0 or 1: {' or '.join(INDEXED)} (default: chosen for a target, else "
-    f"{COMPACT}).",
-)
-SeedOption = option(int, None, "Same seed, same result on one machine.", min=0)
-WorkOption = option(
-    Path | None, "DIR", "Where steps are kept. Default: the output's name + .steps."
-)
-AntialiasedOption = option(
-    bool, None, "Compensate opacities for the blur of splats; the scene is marked and rendered so."
-)
+LOSS_VIEWS = 4  # views for the loss if there are no photographs
 
 
 @options.app.command("train")
 def train_command(
-    folder: FolderArgument,
-    output: OutputOption,
-    steps: StepsOption = 7000,
-    scale: ScaleOption = 1.0,
-    hold_out: HoldOutOption = 7,
-    seed: SeedOption = 0,
-    work: WorkOption = None,
-    antialiased: AntialiasedOption = False,
+    folder: own.FolderArgument,
+    output: own.OutputOption,
+    steps: own.StepsOption = 7000,
+    scale: own.ScaleOption = 1.0,
+    hold_out: own.HoldOutOption = 7,
+    seed: own.SeedOption = 0,
+    work: own.WorkOption = None,
+    antialiased: own.TrainedAntialiasedOption = False,
     near: options.NearOption = None,
     json: options.JsonOption = None,
 ):
-    """Train a plain 3DGS scene from photographs: the baseline that compression starts from.
+    """Train a plain 3DGS scene from photographs.
 
-    Begins with COLMAP's points, densifies, and keeps its state every 500 steps: the same command
-    goes on where it was stopped. Prints the PSNR of the photographs held out. Needs the extra
-    `compress`.
+    The scene is a baseline for `splatcore compress`. Training starts from COLMAP's points,
+    densifies, and saves its state every 500 steps: the same command resumes an interrupted run.
+    Prints the PSNR on the held-out photographs. Needs the extra `compress`.
     """
     run.check_installed()
     learn, aside = _split(folder, scale, hold_out, Reading(near=near))
@@ -133,41 +71,41 @@ def train_command(
 def compress_command(
     scene: options.SceneArgument,
     output: options.ModelOption,
-    images: ImagesOption = None,
-    cameras: CamerasOption = None,
-    beside: BesideOption = None,
-    schedule: ScheduleOption = "0.4,0.4,0.4,0.2",
-    target_ratio: RatioOption = None,
-    target_bytes: BytesOption = None,
-    target_psnr: PsnrOption = None,
-    target_fps: FpsOption = None,
-    max_drop: DropOption = None,
-    steps: TuneStepsOption = Recipe.steps,
-    distill_steps: DistillOption = Recipe.distill_steps,
-    quantize_steps: QuantizeOption = Recipe.quantize_steps,
-    rate: RateOption = Recipe.rate,
-    order: OrderOption = Recipe.order,
-    degree: DegreeOption = None,
-    quality: QualityOption = None,
-    views: ViewsOption = 480,
-    size: SizeOption = "1920x1080",
+    images: own.ImagesOption = None,
+    cameras: own.CamerasOption = None,
+    beside: own.BesideOption = None,
+    schedule: own.ScheduleOption = "0.4,0.4,0.4,0.2",
+    target_ratio: own.RatioOption = None,
+    target_bytes: own.BytesOption = None,
+    target_psnr: own.PsnrOption = None,
+    target_fps: own.FpsOption = None,
+    max_drop: own.DropOption = None,
+    steps: own.TuneStepsOption = Recipe.steps,
+    distill_steps: own.DistillOption = Recipe.distill_steps,
+    quantize_steps: own.QuantizeOption = Recipe.quantize_steps,
+    rate: own.RateOption = Recipe.rate,
+    order: own.OrderOption = Recipe.order,
+    degree: own.DegreeOption = None,
+    quality: own.QualityOption = None,
+    views: own.ViewsOption = 480,
+    size: own.SizeOption = "1920x1080",
     antialiased: options.AntialiasedOption = None,
     axes: options.AxesOption = None,
     near: options.NearOption = None,
-    scale: ScaleOption = 1.0,
-    hold_out: HoldOutOption = 7,
-    seed: SeedOption = 0,
-    work: WorkOption = None,
+    scale: own.ScaleOption = 1.0,
+    hold_out: own.HoldOutOption = 7,
+    seed: own.SeedOption = 0,
+    work: own.WorkOption = None,
     preset: options.PresetOption = "DEFAULT",
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
-    """Compress a scene: distil harmonics, prune, quantise, fine-tune between; pack the result.
+    """Compress a scene into a small packed model.
 
-    Degree and number of Gaussians are chosen by trials for the least loss at the size; a target
-    out of reach is refused then. It learns from photographs (--images), or from the scene's own
-    pictures: on the path of cameras (--cameras), or from all round. The same command goes on where
-    it was stopped. Prints trials, steps, and the loss on held-out pictures. Needs `compress`.
+    Reduces harmonics, prunes, quantises, fine-tunes in between, and packs. For a target, trials
+    choose degree and number of Gaussians; one out of reach is refused. Learns from photographs
+    (--images) or rendered pictures, on a path (--cameras) or all around. Resumes interrupted runs.
+    Prints trials, steps and the loss on held-out pictures. Needs the extra `compress`.
     """
     run.check_installed()
     recipe = Recipe(
@@ -188,26 +126,29 @@ def compress_command(
     files.write(output, data := file_bytes(model, plain))
     facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
     facts |= facts_of(original, model, checkpoints)
-    _tell(checkpoints, facts)
-    _end(facts | _loss(original, model.gaussians(), aside, pixels, seed, path, reading), json)
+    _print_steps(checkpoints, facts)
+    _print_result(
+        facts | _loss(original, model.gaussians(), aside, pixels, seed, path, reading), json
+    )
 
 
-def _tell(checkpoints: Checkpoints, facts: dict):
-    """What was tried, where there was a choice, and the steps."""
+def _print_steps(checkpoints: Checkpoints, facts: dict):
+    """Print the steps, and the trials if there was a choice."""
     if facts["choice"]:
         console.print(trials_of(facts["choice"]))
     console.print(table_of(checkpoints, facts["original_bytes"]))
 
 
-def _end(facts: dict, json: Path | None):
-    """The sizes and the loss, in a line, and the facts without what this `says`."""
-    says = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('says')}"
-    console.print(f"{facts['model']}: {says}", soft_wrap=True)
+def _print_result(facts: dict, json: Path | None):
+    """Print sizes and loss in one line; write the facts except the key "line"."""
+    line = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('line')}"
+    console.print(f"{facts['model']}: {line}", soft_wrap=True)
     write_json(json, facts)
 
 
 def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
-    """Stands for all that decides on a compression; a scene's own pictures follow from cameras."""
+    """Return the key of a compression's checkpoints: a digest of everything that changes its
+    result. Rendered pictures are represented by their cameras."""
     arrays = [getattr(scene, name) for name in ARRAYS]
     seen = [each if isinstance(each, Target) else each.camera for each in learn]
     mark = " antialiased" if scene.antialiased else ""
@@ -215,14 +156,14 @@ def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
 
 
 def _beside(share: float | None, cameras: str | None) -> float:
-    """The share of views beside the path; InputError for one without a path."""
+    """Return the share of views off the path; raise InputError if there is no path."""
     if share is not None and not cameras:
         raise InputError("--beside: goes with --cameras")
     return run.BESIDE_SHARE if share is None else share
 
 
 def _opened(path: str, reading: Reading) -> Scene:
-    """The scene of a file; InputError for a packed model."""
+    """Read a scene; raise InputError for a packed model."""
     with progress_bar(f"reading {path}"):
         return open_source(path, reading).unpacked
 
@@ -230,21 +171,21 @@ def _opened(path: str, reading: Reading) -> Scene:
 def _own_pictures(
     scene: Scene, path, views: int, size: tuple[int, int], seed: int, beside: float, near: float
 ) -> tuple:
-    """The scene's own pictures, and from the cameras of a path, too."""
+    """Render the pictures to learn from, including those of the path's cameras."""
     learn = run.teacher(scene, views, size, seed, path, beside, near)
     return learn + run.pictures_at(scene, path, size) if path else learn
 
 
 def parse_schedule(text: str) -> tuple[float, ...]:
-    """Rates of "0.4,0.2"; InputError names the option."""
+    """Parse rates like "0.4,0.2"; raise InputError, naming the option, for anything else."""
     try:
         return tuple(float(word) for word in text.split(",") if word.strip())
     except ValueError:
-        raise InputError(f"--schedule '{text}': is not a list of shares like 0.4,0.4") from None
+        raise InputError(f"--schedule '{text}': must be shares like 0.4,0.4") from None
 
 
 def _split(path: str, scale: float, hold_out: int, reading: Reading) -> tuple[tuple, tuple]:
-    """Photographs to learn from, and those held out."""
+    """Return the photographs to learn from and the held-out ones."""
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: is not in 0 … 1")
     learn, aside = run.photographs(path, scale, hold_out or 2**30, reading)
@@ -256,7 +197,8 @@ def _split(path: str, scale: float, hold_out: int, reading: Reading) -> tuple[tu
 
 
 def _decibels(gaussians: Gaussians, targets) -> float | None:
-    """Mean PSNR of the reference's pictures against targets; None without any or for equal ones."""
+    """Return the mean PSNR of the reference's pictures against targets; None if there are no
+    targets or a picture is equal to its target."""
     from splatcore.golden.reference import render
 
     found = [
@@ -267,7 +209,7 @@ def _decibels(gaussians: Gaussians, targets) -> float | None:
 
 
 def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict:
-    """Sizes, and the steps."""
+    """Return the sizes and the steps of a compression."""
     original = ply_bytes(len(scene), scene.sh_degree)
     return {
         "original_bytes": original, "bytes": len(model.image),
@@ -284,8 +226,8 @@ def _sizes(facts: dict) -> str:
 def _loss(
     scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int, path, reading: Reading
 ) -> dict:
-    """The loss on pictures that were not learned from: photographs, or the scene's own from other
-    views, on a path and beside it or all round."""
+    """Measure the loss on pictures that were not used for training: held-out photographs, or
+    pictures of the original scene from other views. "line": the loss as text."""
     from splatcore.model.cameras.capture import teacher_views
     from splatcore.model.cameras.orbit import views_beside
     from splatcore.model.cameras.view import core_of
@@ -293,26 +235,26 @@ def _loss(
     original = scene.gaussians()
     if aside:
         before, after = (_decibels(each, aside) for each in (original, packed))
-        says = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
+        line = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
         found = {"against": "photographs", "psnr_db": after, "psnr_db_before": before}
-        return found | {"says": says}
-    views = teacher_views(original, LOOKED_AT, size, seed + 1, path, near=reading.near_plane)
+        return found | {"line": line}
+    views = teacher_views(original, LOSS_VIEWS, size, seed + 1, path, near=reading.near_plane)
     after = _own(original, packed, views)
-    says = "no difference" if after is None else f"{after:.2f} dB against the scene"
-    says += f" on {len(views)} other views"
+    line = "no difference" if after is None else f"{after:.2f} dB against the scene"
+    line += f" on {len(views)} other views"
     found = {"against": "original", "psnr_db": after, "psnr_db_before": None}
     if path:
         there = views_beside(views, core_of(original).middle)
         found["psnr_db_beside"] = {
             name: _own(original, packed, each) for name, each in there.items()
         }
-        told = (f"{name} {shown(db, '.2f')}" for name, db in found["psnr_db_beside"].items())
-        says += f" of the path, beside it: {', '.join(told)}"
-    return found | {"says": says}
+        parts = (f"{name} {shown(db, '.2f')}" for name, db in found["psnr_db_beside"].items())
+        line += f" of the path, off the path: {', '.join(parts)}"
+    return found | {"line": line}
 
 
 def _own(original: Gaussians, packed: Gaussians, views) -> float | None:
-    """Mean PSNR against the original's own pictures from views."""
+    """Return the mean PSNR of the packed model's pictures against the original scene's."""
     from splatcore.golden.reference import render
 
     with progress_bar(f"measuring the loss on {len(views)} views"):

@@ -1,4 +1,4 @@
-"""The command `coverage`: which arms of the hardware's conditions simulations have taken."""
+"""The command `coverage`: branches and lines of the hardware that simulations have reached."""
 
 from collections import Counter
 from pathlib import Path
@@ -8,21 +8,22 @@ from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.error import InputError
 
-FolderArgument = argument(Path, "DIR", "Folder with what simulations counted.")
+FolderArgument = argument(Path, "DIR", "Folder with the counts of simulations.")
 
 
 @app.command("coverage")
 def coverage_command(folder: FolderArgument, json: JsonOption = None):
-    """Say which branches and lines of hdl/ simulations have reached, and list the others.
+    """Show which branches and lines of hdl/ simulations have reached.
 
-    Simulations count if the environment variable SPLATCORE_COVERAGE is set to DIR; `make coverage`
-    has the tests of the whole machine do so. A branch is an arm of a condition, taken by any
-    instance of a part; a line is reached if an arm of its conditions is taken.
+    Lists those not reached. Simulations write counts to DIR if the environment variable
+    SPLATCORE_COVERAGE names it; `make coverage` runs the tests of the whole machine that way. A
+    branch is an arm of a condition, taken by any instance of a part; a line is reached if an arm of
+    its conditions is taken.
     """
     from splatcore.sim.rtl.coverage import arms
 
     if not [*folder.glob("*.dat")]:
-        raise InputError(f"{folder}: no simulation has counted here; see --help")
+        raise InputError(f"{folder}: holds no counts of simulations; see --help")
     found = arms(folder)
     lines = Counter()
     for arm, count in found.items():

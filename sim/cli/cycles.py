@@ -21,10 +21,12 @@ from splatcore.spec.preset import find_preset
 TRUTHS = ("machine", "scene")
 
 COLUMNS = {name: path.cell(name, scale=1000) for name in ("preprocessing", "rendering", "frame")}
-COLUMNS |= {"frames a second": path.cell("fps", form=".1f")} | path.ERRORS
+COLUMNS |= {"frames per second": path.cell("fps", form=".1f")} | path.ERRORS
 """Columns of a table of cameras."""
 
-SceneArgument = options.argument(list[str], "SCENE|MODEL …", "What to render; one with --cameras.")
+SceneArgument = options.argument(
+    list[str], "SCENE|MODEL …", "Scenes or models to render; a single one with --cameras."
+)
 
 
 @options.app.command("cycles")
@@ -41,12 +43,12 @@ def cycles_command(
     scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
-    """Cycles of a frame by stage, from the golden model's counts, and the error of its picture,
-    against the reference on the same packed model (machine) and on the scene as it is (scene).
+    """Estimate a frame's cycles by stage, and measure its error.
 
-    The cycle model agrees with the RTL within 3 % for each stage by itself; its halves have
-    LPDDR4's latency in them, its bandwidth is left out. With --cameras there is a row for each
-    camera, and the least, mean and most of them.
+    The cycle model uses the golden model's counts and agrees with the RTL within 3 % for each
+    single stage; preprocessing and rendering include the latency of LPDDR4, not its bandwidth. The
+    picture is compared with the reference's of the same packed model ("machine") and of the
+    original scene ("scene"). --cameras prints one row per camera, and minimum, mean and maximum.
     """
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
@@ -55,12 +57,12 @@ def cycles_command(
     reading = Reading(antialiased, axes, near)
     if cameras:
         if len(scene) > 1:
-            raise InputError("--cameras: goes with one SCENE")
+            raise InputError("--cameras: needs a single SCENE")
         source, views = path.open_all(cameras, size, scene[0], reading, config)
         quality = quality or path.quality_of(source, config, views)
         rows = list(path.along(measured, source, views, (config, quality), scheduler))
         about = {"preset": config.name, "scene": source.name}
-        write_json(json, about | path.tell(source, rows, COLUMNS, "cycles / 1000"))
+        write_json(json, about | path.print_table(source, rows, COLUMNS, "cycles / 1000"))
         return
     for text in scene:
         with progress_bar(f"reading {text}"):
@@ -76,7 +78,7 @@ def cycles_command(
     table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
     for name in takewhile(lambda key: key != "fps", next(iter(facts.values()))):
         table.add_row(name, *(shown(row[name], ",.0f", 1000) for row in facts.values()))
-    table.add_row("frames a second", *(f"{row['fps']:.1f}" for row in facts.values()))
+    table.add_row("frames per second", *(f"{row['fps']:.1f}" for row in facts.values()))
     for name in TRUTHS:
         table.add_row(f"dB, {name}", *(decibels(row, name) for row in facts.values()))
     print_whole(table)
@@ -84,8 +86,8 @@ def cycles_command(
 
 
 def measured(source: Source, view: Camera, config: Config, quality: str | None) -> dict:
-    """A picture's cycles by stage, frames a second, counts, errors and, of a scene, how it was
-    packed."""
+    """Return a picture's cycles by stage, frames per second, counts and errors, and the packing of
+    a scene."""
     from splatcore.golden.pipeline import render
     from splatcore.sim.cycles.frame import frame_cycles
     from splatcore.sim.machine.engines import truths

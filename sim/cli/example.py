@@ -1,4 +1,4 @@
-"""The command `example`: a folder in which the Verilog renders a frame, without Splatcore."""
+"""The command `example`: a folder in which Verilog renders a frame, without Splatcore."""
 
 from splatcore.sim.cli.options import FolderOption, app
 from splatcore.sim.common.output import console, progress_bar
@@ -6,9 +6,10 @@ from splatcore.sim.common.output import console, progress_bar
 
 @app.command("example")
 def example_command(output: FolderOption):
-    """Write a folder that stands alone: Verilog of TINY that renders a frame under cocotb.
+    """Write a self-contained folder in which Verilog renders a frame.
 
-    With a Makefile, requirements.txt, the scene, the expected picture, and README.md to begin with.
+    Preset TINY under cocotb, with a Makefile, requirements.txt, the scene and the expected picture.
+    Start with README.md in the folder.
     """
     from splatcore.sim.example.example import write_example
 

@@ -25,17 +25,23 @@ if TYPE_CHECKING:
     from splatcore.sim.fit.views import View
 
 
-ROOM = {"fps": 1e-3, "psnr": 1.0}  # least figures that can be asked for
-PSNR_MAX = 200.0  # more than 8 bits can show is impossible, more than this a slip
+MINIMUM = {"fps": 1e-3, "psnr": 1.0}  # of --fps and --psnr
+PSNR_MAX = 200.0  # a limit for typing errors; 8 bits cannot show as much
 
 
-OutputOption = option(Path, "PRESET.toml", "What to write.", "-o")
-FpsOption = option(float, "F", "Frames a second at 800 MHz.")
+OutputOption = option(Path, "PRESET.toml", "Preset file to write.", "-o", panel=options.OUTPUT)
+FpsOption = option(float, "F", "Target: frames per second at 800 MHz.")
 PsnrOption = option(
-    float | None, "P", "dB against the reference on the packed model. Default: DEFAULT's formats."
+    float | None,
+    "P",
+    "Target: dB against the reference on the packed model. Default: keep DEFAULT's formats.",
 )
-GatesOption = option(bool, None, "Synthesise all parts, this machine's and DEFAULT's.", "--gates")
-ConfirmOption = option(bool, None, "Simulate the slowest view in RTL: takes minutes.", "--confirm")
+GatesOption = option(
+    bool, None, "Also synthesise all parts of the machine and of DEFAULT.", "--gates"
+)
+ConfirmOption = option(
+    bool, None, "Also simulate the slowest view in RTL, which takes minutes.", "--confirm"
+)
 
 
 @options.app.command("fit")
@@ -54,14 +60,14 @@ def fit_command(
     confirm: ConfirmOption = False,
     json: options.JsonOption = None,
 ):
-    """Choose the smallest machine that renders a scene fast enough and well enough.
+    """Find the smallest machine that renders a scene fast and well enough.
 
-    All views have to reach F frames a second, by the cycle model with a margin for memory, and P dB
-    against the float64 reference on the same packed model, 8-bit pictures of both. Smallest means
-    fewest gates. Writes a preset file, which --preset takes, and says what binds each size.
+    Every view must reach F frames per second, by the cycle model with a margin for memory, and P dB
+    against the float64 reference on the same packed model. Smallest means fewest gates. Writes a
+    preset file for --preset, with the reason for each size.
 
-    Exit status 1, without a file, if no machine does it; and if --confirm finds it too slow in RTL
-    or its picture is not the golden model's to the bit.
+    Exit status 1, and no file, if no machine reaches the targets. Also 1 if --confirm finds the
+    machine too slow in RTL, or its picture different from the golden model's.
     """
     begin = time.perf_counter()
     _check_figures(fps, psnr)
@@ -80,7 +86,7 @@ def fit_command(
     rows = knobs(chosen)
     reasons = {row.name: row.reason for row in rows}
     reasons |= {"pe_arrays": reasons["pes"], "depth": "as arithmetic"}
-    target = f"{fps:g} frames a second" + ("" if psnr is None else f", {psnr:g} dB of the machine")
+    target = f"{fps:g} frames per second" + ("" if psnr is None else f", {psnr:g} dB (machine)")
     about = f"splatcore fit {Path(scene).name}, {len(views)} views: {target}"
     write_preset(output, chosen.config, DEFAULT, reasons, about)
     sizes = _gates(chosen.config) if gates else {}
@@ -100,11 +106,11 @@ def _open(
     name: str, scene: str, reading: Reading, camera: str | None, cameras: str | None,
     size: str | None,
 ) -> "tuple[Source, Config, list[View]]":  # fmt: skip
-    """The scene, the machine to start from and the views to fit it to."""
+    """Return the scene, the machine to start from and the views to fit it to."""
     with progress_bar(f"reading {scene}") as advance:
         source = open_source(scene, reading)
-        beside = None if camera or cameras else camera_beside(scene)
-        found = open_cameras(camera or beside, cameras, size, source)
+        own = None if camera or cameras else camera_beside(scene)
+        found = open_cameras(camera or own, cameras, size, source)
         from splatcore.sim.fit.views import start_config, views_of
         from splatcore.sim.packing.choose import packed_model
 
@@ -114,25 +120,25 @@ def _open(
 
 
 def _check_figures(fps: float, psnr: float | None):
-    """InputError for figures that mean nothing."""
-    if not (math.isfinite(fps) and ROOM["fps"] <= fps <= CLOCK_HZ):
-        raise InputError(f"--fps {fps:g}: is not in {ROOM['fps']:g} … {CLOCK_HZ:g}")
-    if psnr is not None and not (math.isfinite(psnr) and ROOM["psnr"] <= psnr <= PSNR_MAX):
-        raise InputError(f"--psnr {psnr:g}: is not in {ROOM['psnr']:g} … {PSNR_MAX:g} dB")
+    """Raise InputError for targets out of range."""
+    if not (math.isfinite(fps) and MINIMUM["fps"] <= fps <= CLOCK_HZ):
+        raise InputError(f"--fps {fps:g}: is not in {MINIMUM['fps']:g} … {CLOCK_HZ:g}")
+    if psnr is not None and not (math.isfinite(psnr) and MINIMUM["psnr"] <= psnr <= PSNR_MAX):
+        raise InputError(f"--psnr {psnr:g}: is not in {MINIMUM['psnr']:g} … {PSNR_MAX:g} dB")
 
 
 def _name(path: Path) -> str:
-    """The preset's name, after its file."""
+    """Return the preset's name, made from its file's."""
     if path.suffix.lower() != ".toml":
-        raise InputError(f"-o {path}: does not end with .toml, as preset files do")
+        raise InputError(f"-o {path}: must end in .toml")
     name = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
     if name.upper() in PRESETS:
-        raise InputError(f"-o {path}: {name} is the name of a preset that is built in")
+        raise InputError(f"-o {path}: {name} is the name of a built-in preset")
     return name
 
 
 def _gates(config: Config) -> dict[str, tuple[float, float]]:
-    """NAND2-equivalents of each part, DEFAULT's and the machine's."""
+    """Synthesise each part; return NAND2-equivalents of DEFAULT and of the machine."""
     from splatcore.sim.fit.gates import part_gates
 
     with progress_bar("synthesising") as advance:
@@ -147,7 +153,7 @@ def _show(found: "Fit", rows: "list[Knob]", sizes: dict, title: str):
     """Print all tables."""
     from splatcore.sim.fit.formats import decibels
 
-    table = new_table("field", ("DEFAULT", "chosen"), title, ("what binds it",))
+    table = new_table("field", ("DEFAULT", "chosen"), title, ("reason",))
     for row in rows:
         table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
     print_whole(table)
@@ -162,7 +168,7 @@ def _show(found: "Fit", rows: "list[Knob]", sizes: dict, title: str):
         table.add_row(view, *halves, f"{found.fps(view):.1f}", text, error)
     print_whole(table)
     if sizes:
-        table = new_table("part", ("DEFAULT", "chosen"), "thousands of NAND2, all of a name")
+        table = new_table("part", ("DEFAULT", "chosen"), "thousands of NAND2, all instances")
         sizes = sizes | {"all of these": tuple(map(sum, zip(*sizes.values(), strict=True)))}
         for name, pair in sizes.items():
             table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))
@@ -170,7 +176,7 @@ def _show(found: "Fit", rows: "list[Knob]", sizes: dict, title: str):
 
 
 def _facts(found: "Fit", rows: "list[Knob]", sizes: dict) -> dict:
-    """The object that `--json` writes."""
+    """Return the object that `--json` writes."""
     from splatcore.sim.fit.formats import decibels
 
     views = {}
@@ -193,7 +199,7 @@ def _facts(found: "Fit", rows: "list[Knob]", sizes: dict) -> dict:
 
 
 def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
-    """Simulate the slowest view, print and return what comes of it."""
+    """Simulate the slowest view in RTL; print and return the outcome."""
     from splatcore.sim.bench.scenes import FRAMES, Expected, judge
     from splatcore.sim.machine.machine import Job
     from splatcore.sim.machine.path import build, simulate
@@ -215,7 +221,7 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
     same = "identical to the golden model's" if facts["identical"] else facts["difference"]
     console.print(
         f"{name} in RTL: {cycles['frame']:,} cycles (model {found.cycles(name).frame:,}), "
-        f"{cycles['fps_at_800mhz']:.1f} frames a second, picture {same}: "
+        f"{cycles['fps_at_800mhz']:.1f} frames per second, picture {same}: "
         f"{'confirmed' if reached else 'NOT confirmed'}",
         soft_wrap=True,
     )

@@ -1,4 +1,4 @@
-"""The command `hard`: every hard case through an engine, and whether it meets its bound."""
+"""The command `hard`: the hard cases through an engine, each with a bound on its error."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.sim.cli import options
+from splatcore.sim.cli.commands import COMMANDS
 from splatcore.sim.cli.render_rtl import TimingOption
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
 from splatcore.sim.common.size import parse_size
@@ -17,20 +18,21 @@ from splatcore.sim.machine.script import LPDDR4, find_timing
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-NameArgument = options.argument(str | None, "NAME", "Which case. Default: all of them.")
-OutputOption = options.option(Path | None, "DIR", "Folder for pictures and a sheet of all.", "-o")
+NameArgument = options.argument(str | None, "NAME", "Case to run. Default: all.")
+OutputOption = options.option(
+    Path | None, "DIR", "Folder for the pictures and a contact sheet.", "-o", panel=options.OUTPUT
+)
 
 
 @options.app.command(
     "hard",
-    help="Run the hard cases through an engine: small scenes on which renderers go wrong.\n\n"
-    "For each of them a picture, its error against the float64 reference on the same packed model "
-    "and on the scene as it is, what packing loses, "
-    "cycles (golden: the cycle model's, rtl: measured), Gaussians left out, "
-    f"and whether it meets its bound: {PSNR_MIN:.0f} dB against the reference under the machine's "
-    "own rule for what is too faint to be seen, with harmonics a bound on packing, too, and for "
-    "rtl every bit of the golden model's picture. Exit status 1 if one does not (the FP16 "
-    "numbers of PAPER do not meet it)."
+    help=f"{COMMANDS['hard'].summary}\n\n"
+    "Prints, for each case, the error against the float64 reference on the same packed model and "
+    "on the original scene, the loss of packing, cycles (golden: by the cycle model, rtl: "
+    "measured) and the Gaussians left out. A case passes with "
+    f"{PSNR_MIN:.0f} dB against the reference under the machine's faintness rule; with harmonics "
+    "packing has a bound, too; with rtl the picture must be the golden model's to the bit. Exit "
+    "status 1 if a case fails (the FP16 numbers of PAPER fail some)."
     "\n\nNAME is one of: " + ", ".join(HARD) + ".",
 )
 def hard_command(

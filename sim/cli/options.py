@@ -1,4 +1,4 @@
-"""The command line's application object and the arguments that commands share."""
+"""The command line's application object and the options that commands share."""
 
 import inspect
 import os
@@ -12,6 +12,7 @@ from typer.core import TyperCommand
 
 from splatcore.model.formats.camera_file import split_id
 from splatcore.model.pack.quality import QUALITIES
+from splatcore.sim.cli.commands import COMMANDS, GROUPS, example
 from splatcore.sim.common.output import (
     check_distinct,
     check_folder,
@@ -25,21 +26,27 @@ from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
 FOLDER = "DIR"
-"""What stands for a folder in the help."""
+"""Placeholder for a folder in --help."""
+
+SCENE = "Scene and camera"
+MACHINE = "Machine and packing"
+OUTPUT = "Output"
+RTL = "RTL simulation"
+PICTURE = "Picture"
+"""Headings of options in --help that several commands have."""
 
 
 def flowing(text: str) -> str:
-    """A text's paragraphs, each as one line."""
+    """Join the lines of each paragraph of a text."""
     return re.sub(r"(?<=\S)\n(?=\S)", " ", inspect.cleandoc(text))
 
 
 class Command(TyperCommand):
-    """A command that does not run before its outputs are known to be writable and no input of it.
+    """A command that checks its outputs before it runs: writable, and no input among them.
 
-    A parameter of type `Path` is what it writes: a folder if `FOLDER` stands for it in the help,
-    else a file, of the type of what stands for it; of A|B the latter with --cameras. A text that
-    names a file or folder, with or without :ID, is what it reads. Its help is its docstring, with
-    lines as long as the terminal's.
+    A parameter of type `Path` is an output: a folder if its placeholder in the help is `FOLDER`,
+    else a file with the placeholder's suffix. Of a placeholder A|B, B holds with --cameras. A text
+    parameter that names a file or folder, with or without :ID, is an input.
     """
 
     def __init__(self, *arguments, help: str | None, **options):
@@ -48,25 +55,26 @@ class Command(TyperCommand):
     def invoke(self, context: typer.Context):
         values = [(each, context.params.get(each.name)) for each in self.params]
         written = [(each, value) for each, value in values if isinstance(value, Path)]
-        which = -1 if context.params.get("cameras") else 0
-        stands = {each.name: (each.metavar or "").split("|")[which] for each, _ in written}
-        folders = [path for each, path in written if stands[each.name] == FOLDER]
-        check_distinct([(each.opts[0], path) for each, path in written], read_by(context.params))
+        choice = -1 if context.params.get("cameras") else 0
+        metavars = {each.name: (each.metavar or "").split("|")[choice] for each, _ in written}
+        folders = [path for each, path in written if metavars[each.name] == FOLDER]
+        check_distinct([(each.opts[0], path) for each, path in written], inputs_of(context.params))
         for each, path in written:
-            check_type(each.opts[0], path, Path(stands[each.name]).suffix)
+            check_type(each.opts[0], path, Path(metavars[each.name]).suffix)
             (check_folder if path in folders else check_writable)(path)
         with new_folders(folders):
             return super().invoke(context)
 
 
 def check_type(option: str, path: Path, suffix: str):
-    """InputError for a file whose name ends like one of another type; it need not have an end."""
+    """Raise InputError if a file's name has another suffix; it may have none."""
     if suffix and path.suffix and path.suffix.lower() != suffix:
-        raise InputError(f"{option} {path}: does not end with {suffix}, as its files do")
+        raise InputError(f"{option} {path}: must end in {suffix}")
 
 
-def read_by(parameters: dict[str, object]) -> Iterator[Path]:
-    """Files and folders that a command's parameters name, and those that are read besides."""
+def inputs_of(parameters: dict[str, object]) -> Iterator[Path]:
+    """Yield the files and folders that a command reads: those its parameters name, the camera files
+    next to scenes, and the folder of scenes."""
     yield scene_folder()
     for value in parameters.values():
         texts = value if isinstance(value, (list, tuple)) else [value]
@@ -74,15 +82,27 @@ def read_by(parameters: dict[str, object]) -> Iterator[Path]:
             path, _ = split_id(text)
             if os.path.exists(path):
                 yield Path(path)
-                if beside := camera_beside(path):
-                    yield Path(beside)
+                if cameras := camera_beside(path):
+                    yield Path(cameras)
 
 
 class App(typer.Typer):
-    """An application or a group of `Command`s."""
+    """The application or a group of `Command`s; their examples and headings are in `COMMANDS`."""
+
+    def __init__(self, group: str = "", **options):
+        self.group = group
+        super().__init__(epilog=f"Example:  {example(group)}", **options)
 
     def command(self, name: str | None = None, *, cls: type = Command, **options):
+        full = f"{self.group} {name}".strip()
+        if entry := COMMANDS.get(full):
+            options |= {"short_help": entry.summary, "rich_help_panel": entry.purpose}
+            options["epilog"] = f"Example:  {example(full)}"
         return super().command(name, cls=cls, **options)
+
+    def add_group(self, part: "App"):
+        """Add a group of commands."""
+        self.add_typer(part, name=part.group, rich_help_panel=GROUPS[part.group][0])
 
 
 app = App(
@@ -93,28 +113,38 @@ app = App(
     help=flowing(
         """Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
 
-        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG), a packed model where
-        that makes sense, or the name of a generated scene (see `splatcore scene --help`).
-
-        Start with:  splatcore render garden -o garden.png
+        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG) or the name of a
+        generated scene (see `splatcore scene --help`); MODEL is a packed model (.splatcore).
         """
     ),
 )
 
 
-app.callback()(lambda: None)  # without it the name of a command that is alone would be an argument
+app.callback()(lambda: None)  # without it a single command would have no name on the command line
 
 
 def argument(kind: type, metavar: str, help: str):
-    """A command's argument: type (`Path`: it is written), what stands for it in the help,
-    meaning."""
+    """Declare an argument of a command.
+
+    kind: type of its value; `Path` for an output
+    metavar: placeholder for the value in --help
+    """
     return Annotated[kind, typer.Argument(metavar=metavar, help=help)]
 
 
-def option(kind: type, metavar: str | None, help: str, *names: str, **limits):
-    """A command's option: type (`Path`: it is written), what stands for its value in the help,
-    meaning; its names, where they are not the parameter's; `min` and `max`."""
-    return Annotated[kind, typer.Option(*names, metavar=metavar, help=help, **limits)]
+def option(
+    kind: type, metavar: str | None, help: str, *names: str, panel: str | None = None, **limits
+):
+    """Declare an option of a command.
+
+    kind: type of its value; `Path` for an output
+    metavar: placeholder for the value in --help; None: the type
+    names: of the option; default: the parameter's
+    panel: heading in --help; None: "Options"
+    limits: `min` and `max`
+    """
+    declared = typer.Option(*names, metavar=metavar, help=help, rich_help_panel=panel, **limits)
+    return Annotated[kind, declared]
 
 
 SceneArgument = argument(str, "SCENE", "Scene file or generated scene.")
@@ -122,58 +152,72 @@ SourceArgument = argument(str, "SCENE|MODEL", "Scene file, generated scene or pa
 CameraOption = option(
     str | None,
     "FILE[:ID]",
-    "INRIA cameras.json, transforms.json, COLMAP model or a folder with one; the first "
-    "camera without ID. Default: a sensible view of the scene.",
+    "Camera from a cameras.json, transforms.json or COLMAP model, or a folder with one; without ID "
+    "the first. Default: a generated view of the scene.",
     "--camera",
+    panel=SCENE,
 )
 CamerasOption = option(
     str | None,
     "FILE[:ID,ID,…]",
-    "All cameras of a file, or some of them; ID,ID,… without FILE: of the file beside the scene.",
+    "All cameras of a file, or these; ID,ID,… without FILE: of the camera file next to the scene.",
+    panel=SCENE,
 )
 SizeOption = option(
-    str | None, "WxH", "Pixels; the camera's intrinsics are scaled with the sides.", "--size"
+    str | None,
+    "WxH",
+    "Pixels of the picture; the camera's intrinsics are scaled to it.",
+    "--size",
+    panel=SCENE,
 )
 AntialiasedOption = option(
     bool | None,
     None,
-    "The scene was trained with opacity compensation, and is rendered with it. Default: as its "
-    "file says.",
+    "Render with opacity compensation, for scenes trained with it. Default: as the file says.",
     "--antialiased/--no-antialiased",
+    panel=SCENE,
 )
 NearOption = option(
     float | None,
     "Z",
-    f"Near plane: Gaussians of at most this depth are left out. Default: {NEAR_PLANE:g}, as 3DGS.",
+    f"Near plane: leave out Gaussians up to this depth. Default: {NEAR_PLANE:g}, as in 3DGS.",
     "--near",
     min=NEAR_LIMITS[0],
     max=NEAR_LIMITS[1],
+    panel=SCENE,
 )
 AxesOption = option(
     str | None,
     "RUB|RDF|…",
-    "Axes of an SPZ file that does not state its own: where x, y and z point, like "
-    "right-down-front, as in a PLY. Default: rub, by the format's specification.",
+    "Directions of x, y and z in an SPZ file that does not state them; RDF (right, down, front) as "
+    "in a PLY. Default: RUB, the format's own.",
     "--axes",
+    panel=SCENE,
 )
 PresetOption = option(
     str,
     "NAME|FILE",
-    f"Machine: {', '.join(PRESETS)} or a preset file (TOML; `splatcore fit` writes some).",
+    f"Machine: {', '.join(PRESETS)}, or a TOML file as written by `splatcore fit`.",
     "--preset",
+    panel=MACHINE,
 )
 QualityOption = option(
     str | None,
-    None,
-    f"How a scene is packed: {', '.join(QUALITIES)}. Default: the smallest that is good enough.",
+    "NAME",
+    f"Packing of a scene: {', '.join(QUALITIES)}. Default: the smallest that is good enough.",
+    "--quality",
+    panel=MACHINE,
 )
-EngineOption = option(str, None, f"{', '.join(ENGINES)}.")
-FolderOption = option(Path, "DIR", "Folder to write into.", "-o")
-ModelOption = option(Path, "MODEL.splatcore", "Where to write it.", "-o")
+EngineOption = option(str, "NAME", f"{', '.join(ENGINES)}.", "--engine", panel=MACHINE)
+FolderOption = option(Path, "DIR", "Folder to write into.", "-o", panel=OUTPUT)
+ModelOption = option(Path, "MODEL.splatcore", "Packed model to write.", "-o", panel=OUTPUT)
 PlainOption = option(
     bool,
     None,
-    "Write the bytes of memory as they are, to be loaded straight into DRAM: no coded file.",
+    "Write the plain bytes of DRAM instead of a coded file, for software that loads them directly.",
     "--plain",
+    panel=OUTPUT,
 )
-JsonOption = option(Path | None, "FILE.json", "Write results (see docs/json.md).", "--json")
+JsonOption = option(
+    Path | None, "FILE.json", "Write the results (see docs/json.md).", "--json", panel=OUTPUT
+)

@@ -1,4 +1,4 @@
-"""The command `pack`: a scene as the model that the machine reads."""
+"""The command `pack`: a scene as a packed model for the machine."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,14 +26,22 @@ PSNR_MAX = 100.0  # more than 8-bit pictures can show
 
 QualityOption = options.option(
     str | None,
-    None,
-    f"{', '.join(QUALITIES)}: at most 14, 22, 38 or 54 bytes a Gaussian; small is for scenes that "
-    f"have learned its numbers. Default: the smallest of the others with {LEAST_DB:g} dB.",
+    "NAME",
+    f"{', '.join(QUALITIES)}: at most 14, 22, 38 or 54 bytes per Gaussian; small is for scenes "
+    "fine-tuned to the format. "
+    f"Default: the smallest of the others with {LEAST_DB:g} dB.",
+    "--quality",
+    panel=options.MACHINE,
 )
 PsnrOption = options.option(
-    float | None, "DB", "The smallest model with so many dB against the scene, chunk by chunk."
+    float | None,
+    "DB",
+    "Smallest model with at least DB against the scene, chosen chunk by chunk.",
+    panel=options.MACHINE,
 )
-ShDegreeOption = options.option(int | None, None, "Keep harmonics up to this degree.", min=0, max=3)
+ShDegreeOption = options.option(
+    int | None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
+)
 
 
 @options.app.command("pack")
@@ -53,13 +61,13 @@ def pack_command(
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
-    """Pack a scene into the model that the machine reads, and say what that loses.
+    """Pack a scene into a model for the machine, and measure the loss.
 
-    All dB are those of packing: the reference renderer's 8-bit pictures against those of the scene
-    as it is, with all its harmonics, the worst of the views: of the model, and of the scene with
-    one part at a time as it is packed.
+    dB compare 8-bit pictures of the reference renderer, of the packed model and of the original
+    scene, in the worst view; then of the scene with one part packed at a time.
 
-    "bytes" are in memory, "file bytes" of the coded file. Loading it into memory needs --plain.
+    "bytes" is the size in memory, "file bytes" the size of the coded file. For a file to be loaded
+    directly into DRAM, use --plain.
     """
     config = find_preset(preset)
     check_wanted(quality, psnr)
@@ -100,18 +108,18 @@ def pack_command(
 
 
 def check_wanted(quality: str | None, psnr: float | None):
-    """InputError unless they are at most one of a known quality and dB that can be reached."""
+    """Raise InputError for an unknown quality, a PSNR out of range, or both options together."""
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
         if psnr is not None:
-            raise InputError("--psnr: does not go with --quality; name one of them")
+            raise InputError("use --psnr or --quality, not both")
     if psnr is not None and not 0 < psnr <= PSNR_MAX:
         raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
 
 
 def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:
-    """Bytes a Gaussian and dB of each part."""
-    table = new_table("part", ("bytes a Gaussian", "dB, packing"))
+    """Return a table of bytes per Gaussian and dB by part."""
+    table = new_table("part", ("bytes per Gaussian", "dB, packing"))
     for name in dict.fromkeys((*parts, *losses)):
         db = losses.get(name)
         shown = "equal" if db is None else f"{db:.1f}"

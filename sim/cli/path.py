@@ -1,4 +1,4 @@
-"""What commands do with all cameras of a file: a row for each, then least, mean and most."""
+"""Commands with --cameras: one row per camera, then minimum, mean and maximum."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -24,14 +24,17 @@ from splatcore.spec.error import InputError
 from splatcore.spec.renderable import check_renderable
 
 FEW = 4
-"""Views, spread evenly over all, for which a scene's packing is chosen."""
+"""Number of views, spread evenly over all, from which a scene's packing is chosen."""
 
 FOLDS = {"least": min, "mean": lambda values: sum(values) / len(values), "most": max}
-"""What is said of a column of numbers."""
+"""Summaries of a column of numbers, by their JSON keys."""
+
+LABELS = {"least": "min", "mean": "mean", "most": "max"}
+"""Names of the summaries in the table."""
 
 
 def check(camera: str | None, cameras: str | None, scheduler: str | None):
-    """InputError for options that do not go together."""
+    """Raise InputError for options that do not go together."""
     check_one(camera, cameras)
     if scheduler and not cameras:
         raise InputError("--scheduler: goes with --cameras")
@@ -40,13 +43,16 @@ def check(camera: str | None, cameras: str | None, scheduler: str | None):
 def open_all(
     cameras: str, size: str | None, scene: str, reading: Reading, config: Config | None
 ) -> tuple[Source, list[Camera]]:
-    """A scene and its views, each by a name of its own. config: the machine that renders them."""
+    """Open a scene and its views, whose file names must differ.
+
+    config: machine that must be able to render them; None: no machine
+    """
     check_source(scene, reading)
     views = reading.seen(open_path(cameras, size, scene))
     names = [file_name(view) for view in views]
     for view, name in zip(views, names, strict=True):
         if names.count(name) > 1:
-            raise InputError(f"--cameras {cameras}: two cameras are called {view.name}")
+            raise InputError(f"--cameras {cameras}: two cameras have the name {view.name}")
         if config:
             check_fits(config, view.width, view.height)
     with progress_bar(f"reading {scene}"):
@@ -58,12 +64,12 @@ def open_all(
 
 
 def file_name(view: Camera) -> str:
-    """A camera's name as that of a file."""
+    """Return a camera's name as a file name."""
     return re.sub(r"[^\w.+-]+", "-", view.name)
 
 
 def quality_of(source: Source, config: Config, views: list[Camera]) -> str | None:
-    """How a scene is packed, once for all views: as `FEW` of them ask for."""
+    """Choose one packing of a scene for all views, from `FEW` of them."""
     from splatcore.sim.packing.choose import quality_of
 
     with progress_bar(f"packing {source.name}"):
@@ -77,8 +83,12 @@ def along(
     arguments: tuple,
     scheduler: str | None,
 ) -> Iterator[dict]:
-    """`function(source, view, *arguments)` of each view in their order, by several processes, which
-    open the scene once. It returns a row with `counts`; a view that shows nothing is noted."""
+    """Yield `function(source, view, *arguments)` for each view, in order.
+
+    The calls run in several processes, each of which opens the scene once. The function returns a
+    row with the key `counts`; a note is printed for a view that shows nothing.
+    scheduler: address of a Dask scheduler; None: processes of this computer
+    """
     from splatcore.sim.bench.campaign import Failure, Task, in_processes, on_cluster
 
     scene = source.name, source.reading
@@ -100,16 +110,20 @@ def along(
 def of_scene(
     function: Callable[..., dict], scene: tuple[str, Reading], view: Camera, arguments: tuple
 ) -> dict:
-    """In a process: what a function makes of a view of the scene that was opened last. scene: the
-    arguments of `open_source`."""
+    """Worker: call a function with a view of a scene, which is opened if the last one was another.
+
+    scene: the arguments of `open_source`
+    """
     from splatcore.sim.bench.sweep import opened
 
     return {"camera": view.name} | function(opened(*scene), view, *arguments)
 
 
 def folded(rows: Sequence[dict], fold: Callable[[list], float]) -> dict:
-    """One number of each key of rows, also in objects within; keys without a number are left out,
-    and so is what is None."""
+    """Fold the numbers of each key over all rows, also in nested objects.
+
+    None is skipped; a key without any number is left out.
+    """
     found = {}
     for key in rows[0]:
         values = [row[key] for row in rows if row[key] is not None]
@@ -121,7 +135,7 @@ def folded(rows: Sequence[dict], fold: Callable[[list], float]) -> dict:
 
 
 def cell(*keys: str, form: str = ",.0f", scale: float = 1) -> Callable[[dict], str]:
-    """What shows the number of a row that keys lead to."""
+    """Return a function that formats the number under nested keys of a row."""
 
     def show(row: dict) -> str:
         for key in keys:
@@ -133,18 +147,22 @@ def cell(*keys: str, form: str = ",.0f", scale: float = 1) -> Callable[[dict], s
 
 ERRORS = {f"dB, {name}": partial(decibels, name=name) for name in ("machine", "scene")} | {
     "dB, packing": cell("packing", "psnr_db_packing", form=".2f"),
-    "largest error, machine": cell("max_error_machine", form=".4f"),
-    "largest error, scene": cell("max_error_scene", form=".4f"),
+    "max error, machine": cell("max_error_machine", form=".4f"),
+    "max error, scene": cell("max_error_scene", form=".4f"),
 }
-"""Columns of a machine's errors by heading."""
+"""Columns of a machine's errors: heading → text of a row."""
 
 
-def tell(
+def print_table(
     source: Source, rows: list[dict], columns: dict[str, Callable[[dict], str]], title: str
 ) -> dict:
-    """Print a table of rows, whose columns are filled by functions; content of `--json`."""
+    """Print a table of rows and their summaries; return the content of `--json`.
+
+    columns: heading → function from a row to the text of a cell
+    """
     facts = {name: folded(rows, fold) for name, fold in FOLDS.items()}
-    lines = [(row["camera"], row) for row in rows] + list(facts.items())
+    lines = [(row["camera"], row) for row in rows]
+    lines += [(LABELS[name], row) for name, row in facts.items()]
     cells = {name: [show(row) for _, row in lines] for name, show in columns.items()}
     cells = {name: texts for name, texts in cells.items() if set(texts) != {"–"}}
     table = new_table("camera", cells, title)
@@ -154,7 +172,7 @@ def tell(
     print_whole(table)
     console.print(f"{source.name}: {antialiased_line(source)}", soft_wrap=True)
     if packing := rows[0].get("packing"):
-        size = f"{packing['bytes_per_gaussian']:.2f} bytes a Gaussian"
+        size = f"{packing['bytes_per_gaussian']:.2f} bytes per Gaussian"
         text = f"{source.name}: packed as {packing['quality']} for all cameras: {size}"
         console.print(text, soft_wrap=True)
     return source.stated | {"views": rows} | facts

@@ -1,4 +1,4 @@
-"""The command `photographs`: a capture made of a scene, to train on as on photographs."""
+"""The command `photographs`: pictures of a scene in the form of a COLMAP capture."""
 
 import time
 
@@ -17,18 +17,22 @@ from splatcore.spec.error import InputError
 SHARE = 0.5
 
 ViewsOption = option(int, "N", "Number of photographs.", min=1)
-SizeOption = option(str, "WxH", "Their pixels.")
+SizeOption = option(str, "WxH", "Pixels of the photographs.", "--size", panel=options.SCENE)
 CamerasOption = option(
     str | None,
     "FILE",
-    "From where the scene is looked at, as cameras.json, transforms.json or COLMAP folder: a share "
-    "of the views is on their path. Default: all are from all round.",
+    "Cameras (cameras.json, transforms.json or COLMAP) on whose path a share of the views is. "
+    "Default: all views are from all around.",
+    panel=options.SCENE,
 )
 ShareOption = option(
-    float | None, "S", f"--cameras: share of the views on the path, 0 … 1. Default: {SHARE}."
+    float | None,
+    "S",
+    f"With --cameras: share of the views on the path, 0 … 1. Default: {SHARE}.",
+    panel=options.SCENE,
 )
-PointsOption = option(int, "N", "The scene's Gaussians that become points, at most.", min=1)
-SeedOption = option(int, None, "Same seed, same views and points.", min=0)
+PointsOption = option(int, "N", "Maximum number of points.", min=1)
+SeedOption = option(int, "N", "Random seed of views and points.", min=0)
 
 
 @options.app.command("photographs")
@@ -47,14 +51,13 @@ def photographs_command(
     scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
-    """Photograph a scene: pictures, poses and points in COLMAP's form.
+    """Render a scene as photographs: pictures, poses and points.
 
-    `train` and `compress --images` take the folder as that of real photographs. The views are
-    those of `compress`: from all round and, with --cameras, on the path of given cameras, though
-    from none of these. Pictures are the float64 reference's, 8 bits, in images/; sparse/0 has
-    cameras, poses and points in binary. The points are centres of the scene's own Gaussians which
-    two views show, drawn at random; their places are exact. The folder must be new or empty, and
-    is written as a whole.
+    Writes a COLMAP folder for `train` and `compress --images`, which must be new or empty:
+    images/ has 8-bit pictures of the float64 reference, sparse/0 cameras, poses and points in
+    binary. Views are from all around; with --cameras also along the path of the given cameras, but
+    not from the cameras themselves. Points are the exact centres of random Gaussians that at least
+    two views show.
     """
     begin, pixels = time.perf_counter(), parse_size(size)
     given = _given(cameras, path_share, size)
@@ -80,14 +83,14 @@ def photographs_command(
         "observations": sum(map(len, shown)), "seed": seed, **source.stated,
         "seconds": round(time.perf_counter() - begin, 3),
     }  # fmt: skip
-    where = f"{on_path} on the path, {views - on_path} from all round"
+    where = f"{on_path} on the path, {views - on_path} from all around"
     text = f"{views} photographs of {pixels[0]}x{pixels[1]} ({where}), {len(found[0])} points"
     console.print(f"{output}: {text}", soft_wrap=True)
     write_json(json, facts)
 
 
 def _given(cameras: str | None, share: float | None, size: str) -> list[Camera]:
-    """The cameras of --cameras, resized; InputError for a share without them, or that is none."""
+    """Return the resized cameras of --cameras; raise InputError for a wrong --path-share."""
     if share is not None and not cameras:
         raise InputError("--path-share: goes with --cameras")
     if share is not None and not 0 <= share <= 1:
@@ -99,7 +102,7 @@ def _views(
     source: Source, count: int, size: tuple[int, int], seed: int, given: list[Camera],
     share: float | None,
 ) -> list[Camera]:  # fmt: skip
-    """The views of a scene to photograph it from."""
+    """Return the views from which a scene is photographed."""
     from splatcore.model.cameras.capture import capture_views
 
     return capture_views(

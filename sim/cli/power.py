@@ -1,4 +1,4 @@
-"""The command `power`: an ESTIMATE of what a frame takes, stage by stage, beside the paper's."""
+"""The command `power`: an ESTIMATE of a frame's power by stage, compared with the paper's."""
 
 from pathlib import Path
 
@@ -15,18 +15,27 @@ from splatcore.spec.energy import PROCESS_NM, Energy
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-FpsOption = option(float | None, "N", "Frames a second. Default: full speed, 800 MHz.", "--fps")
+CELLS = "Standard cells"
+
+FpsOption = option(float | None, "N", "Frames per second. Default: full speed at 800 MHz.", "--fps")
 SampleOption = option(
     int | None,
     "N",
-    "Count in one of N windows of cycles; 1: in all. Default: about 32 windows.",
+    "Count net changes in one of N windows of cycles; 1: in all. Default: about 32 windows.",
     "--sample",
 )
 LibertyOption = option(
-    str | None, "FILE", "Standard cells (.lib, .lib.gz): gates' energies by these, with --process."
+    str | None,
+    "FILE",
+    "Take the energies of gates from a library (.lib, .lib.gz); needs --process.",
+    panel=CELLS,
 )
 ProcessOption = option(
-    float | None, "NM", f"The library's process, to scale energies to {PROCESS_NM} nm.", min=1.0
+    float | None,
+    "NM",
+    f"Process of the library, for scaling to {PROCESS_NM} nm.",
+    min=1.0,
+    panel=CELLS,
 )
 
 
@@ -45,19 +54,18 @@ def power_command(
     process: ProcessOption = None,
     json: options.JsonOption = None,
 ):  # fmt: skip
-    """ESTIMATE the power of a frame, first order, by stage, beside the paper's.
+    """ESTIMATE the power of a frame by stage, to first order.
 
-    Frames are simulated in RTL; how often the nets of a part change, times its gates, times the
-    energy of a NAND2 that switches, is the part's. Nets of RTL stand for those of gates; nothing
-    is laid out. Flip-flops add their clock, memories their accesses, DRAM (apart) its bytes. All
-    constants are in spec/energy.py, 28 nm at 0.9 V, with their sources; --json writes them, too.
-    Good to a factor of two either way.
+    Simulates frames in RTL. The energy of a part is the mean rate of changes of its RTL nets, times
+    its gates, times the energy of a switching NAND2; flip-flops add their clock, memories their
+    accesses, DRAM (listed apart) its bytes. Nothing is laid out. Constants for 28 nm at 0.9 V and
+    their sources are in spec/energy.py. Accuracy: a factor of two either way.
 
-    With --liberty each gate and flip-flop takes what the library says, by its slew and load, wires
-    included, scaled from --process and the library's voltage; memories, DRAM and leakage as before.
+    With --liberty the energies of gates and flip-flops come from the library, by slew and load with
+    wires, scaled from --process and its voltage.
 
-    The first time it compiles and simulates the machine and synthesises its parts, half an hour
-    for DEFAULT; what it finds is kept (see `splatcore cache`).
+    The first run for DEFAULT takes half an hour (simulation and synthesis); results are cached (see
+    `splatcore cache`).
     """
     config = find_preset(preset)
     library = _checked(fps, sample, liberty, process)
@@ -74,14 +82,14 @@ def power_command(
 
         model = packed_model(source, config, view)
     counts = counts_of(config, Job(model, view), sample, f"simulating {source.name}")
-    if fps is not None and fps > (most := CLOCK_HZ / counts.cycles):
-        raise InputError(f"--fps {fps:g}: is more than {most:.1f}, what 800 MHz are good for")
+    if fps is not None and fps > (fps_max := CLOCK_HZ / counts.cycles):
+        raise InputError(f"--fps {fps:g}: is above {fps_max:.1f}, the maximum at 800 MHz")
     with progress_bar("synthesising the machine") as advance:
         gates = machine_gates(config, library, process, advance)
     found = estimate(counts, gates, config.energy)
     fps = found.fps_max if fps is None else fps
-    what = f"{Path(source.name).name} {view.width}x{view.height}, preset {config.name}"
-    print_whole(table(found, fps, f"ESTIMATE, first order: {what}, {fps:.1f} frames a second"))
+    frame = f"{Path(source.name).name} {view.width}x{view.height}, preset {config.name}"
+    print_whole(table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second"))
     for text in lines(found, fps):
         console.print(text, soft_wrap=True)
     facts = {
@@ -96,15 +104,15 @@ def power_command(
 def _checked(
     fps: float | None, sample: int | None, liberty: str | None, process: float | None
 ) -> Library | None:
-    """The library of a file, if there is one; InputError for options that cannot be."""
+    """Check the options; return the library of --liberty, if given."""
     for name, value in (("fps", fps), ("sample", sample)):
         if value is not None and not value > 0:
-            raise InputError(f"--{name} {value:g}: is not above 0")
+            raise InputError(f"--{name} {value:g}: must be above 0")
     return checked_library(liberty, process)
 
 
 def checked_library(liberty: str | None, process: float | None) -> Library | None:
-    """The library of a file, if there is one; InputError for --liberty without --process."""
+    """Read the library, if given; raise InputError for --liberty without --process or inverse."""
     if (liberty is None) != (process is None):
         given, other = ("--process", "--liberty")[:: -1 if process is None else 1]
         raise InputError(f"{given} {process or liberty}: goes with {other} only")
@@ -112,7 +120,7 @@ def checked_library(liberty: str | None, process: float | None) -> Library | Non
 
 
 def _cells(library: Library, process: float, energy: Energy) -> dict:
-    """Say in which cells it is; the same for a JSON file."""
+    """Print the library that was used; return its facts for JSON."""
     volts = library.voltage
     text = f"In cells of {library.name}, scaled from {process:g} nm, {volts:g} V."
     console.print(text, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""The command `programs`: the microprograms and their schedules."""
+"""The command `programs`: microprograms and their schedules."""
 
 from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
 from splatcore.sim.common.output import console, write_json
@@ -21,14 +21,17 @@ PAPER_OPERATIONS = (
 ).format(OPERATIONS["without zeros"], OPERATIONS["with zeros"], 100 * PES_BUSY)
 
 
-ShowOption = option(str | None, "NAME", "Print this program's steps and their times.")
+ShowOption = option(str | None, "NAME", "Print the steps of this program and their times.")
 
 
 @app.command("programs")
 def programs_command(
     show: ShowOption = None, preset: PresetOption = "DEFAULT", json: JsonOption = None
 ):
-    """List the microprograms of stages 0 and 1: operations, cycles, how busy the PEs are."""
+    """List the microprograms of stages 0 and 1.
+
+    Prints the operations of each, its cycles per item, latency, registers and busy PEs.
+    """
     config = find_preset(preset)
     facts = {name: program_facts(config, program(name)) for name in TEXTS}
     if show is not None:
@@ -47,7 +50,7 @@ def programs_command(
 
 
 def program_facts(config: Config, steps: Program) -> dict[str, int | float]:
-    """A program's operations and its schedule on a machine."""
+    """Return a program's operations and its schedule on a machine."""
     counts, plan = operation_counts(steps.steps), schedule(config, steps)
     return {
         "operations": sum(counts.values()),

@@ -1,9 +1,9 @@
-"""The command `render`: one frame by one of the engines, or one of each camera of a file."""
+"""The command `render`: one picture by an engine, or one per camera of a file."""
 
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from splatcore.sim.cli import render_rtl as rtl
 from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import Difference, Result, against, differences, told
+from splatcore.sim.common.metric import Difference, Result, against, differences, metrics_line
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.picture import error_picture, write_heat_map, write_png
 from splatcore.sim.common.reading import Reading
@@ -36,17 +36,42 @@ if TYPE_CHECKING:
     from splatcore.golden import reference
 
 OutputOption = option(
-    Path | None, "OUT.png|DIR", "Where to write it; with --cameras the folder, ID.png in it.", "-o"
+    Path | None,
+    "OUT.png|DIR",
+    "Picture to write; with --cameras a folder, with one ID.png per camera.",
+    "-o",
+    panel=options.OUTPUT,
 )
 OriginalOption = option(
-    bool, None, "3σ tile bounds, as the original renderer has them.", "--original"
+    bool,
+    None,
+    "With --engine reference: 3σ tile bounds, as in the original renderer.",
+    "--original",
+    panel=options.PICTURE,
 )
-BackgroundOption = option(str, "R,G,B", "Background colour, each 0 … 1.")
+BackgroundOption = option(str, "R,G,B", "Background colour, each 0 … 1.", panel=options.PICTURE)
 CompareOption = option(
-    bool, None, "golden: compare with the reference, which takes longer than the picture.",
+    bool,
+    None,
+    "With --engine golden: compare with the reference, which takes longer than the picture.",
     "--compare/--no-compare",
-)  # fmt: skip
-HeatMapOption = option(Path | None, "FILE.png", "Draw the lengths of the tiles' lists.")
+    panel=options.PICTURE,
+)
+HeatMapOption = option(
+    Path | None,
+    "FILE.png",
+    "With --engine reference: draw the number of splats per tile.",
+    panel=options.OUTPUT,
+)
+
+
+class Settings(NamedTuple):
+    """The options that decide on a picture, in addition to scene and camera."""
+
+    engine: str
+    config: Config
+    convention: Convention
+    compare: bool
 
 
 @options.app.command("render")
@@ -79,13 +104,13 @@ def render_command(
     scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
-    """Render one frame and count the work in it.
+    """Render a picture, or one per camera, and count the work in it.
 
-    A machine's picture (golden, rtl) is compared with the reference's of the same packed model
-    ("machine") and of the scene as it is ("scene"). --engine rtl simulates the hardware, compares
-    with the golden model, too, and tells cycles; exit status 1 if a pixel is not that model's.
-    With --cameras there is a picture of each camera, with --video a video of them, and a table of
-    all, with the least, mean and most; a scene is packed once for all of them.
+    A picture of the machine (golden, rtl) is compared with the reference's of the same packed model
+    ("machine") and of the original scene ("scene"). --engine rtl simulates the hardware, prints its
+    cycles, and exits with status 1 if a pixel differs from the golden model's. --cameras renders
+    one picture per camera, packs the scene once, and prints a table with minimum, mean and maximum;
+    --video makes a video of them.
     """
     path.check(camera, cameras, scheduler)
     check_engine(engine, bool(original or heat_map), compare)
@@ -93,42 +118,41 @@ def render_command(
     film = along.Film(video, fps, beside)
     film.check(cameras, engine, compare)
     if not (output or video):
-        raise InputError("-o: is missing; it says where to write the picture")
+        raise InputError("-o: is missing; it names the picture to write")
     request.check(engine, output)
     config = find_preset(preset)
     convention = replace(ORIGINAL if original else SPLATCORE, background=parse_colour(background))
-    how = engine, config, convention, compare
+    settings = Settings(engine, config, convention, compare)
     reading = Reading(antialiased, axes, near)
     if not cameras:
-        return render_one(scene, reading, camera, size, how, request, heat_map, output, json)
+        return render_one(scene, reading, camera, size, settings, request, heat_map, output, json)
     if heat_map:
         raise InputError("--heat-map: goes with one camera")
-    return render_all(scene, reading, cameras, size, how, film, output, scheduler, json)
+    return render_all(scene, reading, cameras, size, settings, film, output, scheduler, json)
 
 
 def render_one(
-    scene: str, reading: Reading, camera: str | None, size: str | None, how: tuple,
+    scene: str, reading: Reading, camera: str | None, size: str | None, settings: Settings,
     request: rtl.Request, heat_map: Path | None, output: Path, json: Path | None,
 ):  # fmt: skip
-    """Render a picture and say what is in it. how: engine, config, convention, compare."""
-    engine, config, convention, _ = how
+    """Render one picture, print its counts and write the results."""
     begin = time.perf_counter()
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, reading)
         (view,) = open_cameras(camera, None, size, source)
     from splatcore.sim.packing.choose import packing_line
 
-    if engine == "rtl":
-        colour = convention.background
+    if settings.engine == "rtl":
+        config, colour = settings.config, settings.convention.background
         return rtl.render_rtl(source, view, camera, config, colour, request, output, json)
-    made = pictured(source, view, *how, begin=begin)
+    made = pictured(source, view, settings, begin=begin)
     result, frame = made.result, made.frame
     note_empty(source, view, frame.counts)
     write_png(output, frame.pixels)
     if result.packing:
         console.print(packing_line(source), soft_wrap=True)
     if made.found:
-        console.print(f"against the reference: {told(made.found)}", soft_wrap=True)
+        console.print(f"against the reference: {metrics_line(made.found)}", soft_wrap=True)
     if heat_map:
         write_heat_map(heat_map, frame.tile_list, f"{source.name}, camera {view.name}")
     about = {"image": str(output), "seconds": result.seconds} | source.stated
@@ -138,32 +162,35 @@ def render_one(
 
 
 def render_all(
-    scene: str, reading: Reading, cameras: str, size: str | None, how: tuple,
+    scene: str, reading: Reading, cameras: str, size: str | None, settings: Settings,
     film: along.Film, output: Path | None, scheduler: str | None, json: Path | None,
 ):  # fmt: skip
-    """Render a picture of each camera. how: as `render_one` has it."""
-    engine, config, *_ = how
+    """Render one picture per camera, print a table and write the results."""
+    engine, config = settings.engine, settings.config
     golden = engine == "golden"
     source, views = path.open_all(cameras, size, scene, reading, config if golden else None)
     along.check_files(film, output, views, scene, cameras)
     quality = path.quality_of(source, config, views) if golden else None
-    pictures = path.along(picture, source, views, (*how, quality, film.beside), scheduler)
+    pictures = path.along(picture, source, views, (settings, quality, film.beside), scheduler)
     rows = along.written(pictures, views, film, output)
-    write_json(json, path.tell(source, rows, along.COLUMNS, engine))
+    write_json(json, path.print_table(source, rows, along.COLUMNS, engine))
 
 
-def picture(source: Source, view: Camera, *how_and_beside) -> dict:
-    """What `pictured` makes of a view: a row, `pixels`, and what is `beside` them. Its seconds are
-    those of the picture alone."""
+def picture(
+    source: Source, view: Camera, settings: Settings, quality: str | None, beside: str | None
+) -> dict:
+    """Worker: render one view; return its row with `pixels` and the `beside` picture, if any.
+
+    The row's seconds exclude packing and comparison.
+    beside: of `render_path.BESIDE`, or None
+    """
     from splatcore.sim.packing.choose import packed_model
 
-    *how, beside = how_and_beside
-    engine, config, *_, quality = how
-    if engine == "golden":
-        packed_model(source, config, view, quality)
-    made, right = pictured(source, view, *how), None
+    if settings.engine == "golden":
+        packed_model(source, settings.config, view, quality)
+    made, right = pictured(source, view, settings, quality), None
     if made.result.packing and not made.exact:
-        del made.result.packing["psnr_db_packing"]  # of the view that the process packed it for
+        del made.result.packing["psnr_db_packing"]  # measured for another view
     if beside:
         right = made.exact["machine"]
         right = error_picture(made.frame.pixels, right) if beside == "error" else right
@@ -172,8 +199,11 @@ def picture(source: Source, view: Camera, *how_and_beside) -> dict:
 
 @dataclass(frozen=True)
 class Pictured:
-    """A frame of the golden model or of the reference; of a machine's that is compared what with,
-    and the differences."""
+    """A frame of the golden model or the reference.
+
+    exact: pictures of the reference that the golden model's is compared with, by name
+    found: the differences, by the same names
+    """
 
     result: Result
     frame: "golden.Frame | reference.Frame"
@@ -182,13 +212,17 @@ class Pictured:
 
 
 def pictured(
-    source: Source, view: Camera, engine: str, config: Config, convention: Convention,
-    compare: bool, quality: str | None = None, begin: float | None = None,
+    source: Source, view: Camera, settings: Settings, quality: str | None = None,
+    begin: float | None = None,
 ) -> Pictured:  # fmt: skip
-    """A view's frame and how right it is. begin: of its seconds; None: now."""
+    """Render a view and compare it with the reference.
+
+    begin: start of the measured seconds (`time.perf_counter`); None: now
+    """
     from splatcore.sim.machine.engines import golden_of, reference, truths
     from splatcore.sim.packing.choose import packed_model, packing
 
+    engine, config, convention, compare = settings
     begin, exact = begin or time.perf_counter(), {}
     if engine == "golden":
         frame = golden_of(source, view, config, convention.background, quality)
@@ -206,21 +240,24 @@ def pictured(
     return Pictured(result, frame, exact, found)
 
 
-def check_engine(engine: str, of_reference: bool, compare: bool):
-    """InputError for an engine that is unknown, or that goes without an option that is given."""
+def check_engine(engine: str, reference_only: bool, compare: bool):
+    """Raise InputError for an unknown engine, or an option that it does not have.
+
+    reference_only: an option of the reference renderer was given
+    """
     check_known("--engine", ENGINES, engine)
-    if engine != "reference" and of_reference:
+    if engine != "reference" and reference_only:
         raise InputError(f"--engine {engine}: no --original, no --heat-map")
     if engine != "golden" and not compare:
         raise InputError(f"--engine {engine}: no --no-compare")
 
 
 def parse_colour(text: str) -> tuple[float, float, float]:
-    """Three numbers 0 … 1 between commas."""
+    """Parse three numbers 0 … 1 separated by commas."""
     try:
         red, green, blue = (float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"--background '{text}': is not three numbers R,G,B") from None
+        raise InputError(f"--background '{text}': must be three numbers R,G,B") from None
     if not all(0 <= value <= 1 for value in (red, green, blue)):
-        raise InputError(f"--background '{text}': is not within 0 … 1")
+        raise InputError(f"--background '{text}': is not in 0 … 1")
     return red, green, blue

@@ -1,4 +1,4 @@
-"""`splatcore render --cameras`: a picture of each camera, a video of all."""
+"""`splatcore render --cameras`: one picture per camera, and a video of them."""
 
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.sim.cli import path
-from splatcore.sim.cli.options import option, read_by
+from splatcore.sim.cli.options import inputs_of, option
 from splatcore.sim.common.output import check_distinct, check_writable, make_folder
 from splatcore.sim.common.picture import write_png
 from splatcore.sim.common.source import check_known
@@ -16,13 +16,19 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 
 BESIDE = ("error", "reference")
+"""Values of --beside: the second picture in each frame of a video."""
 
-VideoOption = option(Path | None, "FILE.mp4", "--cameras: a video of all frames in order.")
-RateOption = option(int, "N", "--video: frames a second.", "--fps", min=1, max=240)
+VIDEO = "Video"
+
+VideoOption = option(
+    Path | None, "FILE.mp4", "With --cameras: video of all pictures, in order.", panel=VIDEO
+)
+RateOption = option(int, "N", "Frames per second.", "--fps", min=1, max=240, panel=VIDEO)
 BesideOption = option(
     str | None,
-    None,
-    f"--video, golden: draw {' or '.join(BESIDE)} (of the same packed model) on the right.",
+    "NAME",
+    f"With --engine golden: also draw {' or '.join(BESIDE)} (same packed model) on the right.",
+    panel=VIDEO,
 )
 
 COLUMNS = {
@@ -37,19 +43,19 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Film:
-    """Options that only frames of many cameras have, as the command line gave them."""
+    """The options of videos, as on the command line."""
 
     video: Path | None = None
     fps: int = 30
     beside: str | None = None
 
     def check(self, cameras: str | None, engine: str, compare: bool):
-        """InputError for what does not go together, or without the encoder."""
+        """Raise InputError for options that do not go together, or a missing encoder."""
         for name, value in asdict(self).items():
             if value != getattr(Film(), name) and not (self.video and cameras):
                 raise InputError(f"--{name}: goes with --cameras{' and --video' * bool(cameras)}")
         if cameras and engine == "rtl":
-            raise InputError("--engine rtl: no --cameras; splatcore bench scenes simulates many")
+            raise InputError("--engine rtl: no --cameras; use splatcore bench scenes")
         if self.beside:
             check_known("--beside", BESIDE, self.beside)
             if engine != "golden" or not compare:
@@ -59,11 +65,11 @@ class Film:
 
 
 def check_files(film: Film, folder: Path | None, views: list[Camera], scene: str, cameras: str):
-    """InputError for pictures that cannot be written or would overwrite an input, and for a video
-    of frames of several sizes."""
+    """Raise InputError for pictures that cannot be written or would overwrite an input, and for a
+    video with frames of several sizes."""
     if folder and folder.suffix.lower() == ".png":
         raise InputError(f"-o {folder}: names a picture; with --cameras it is a folder")
-    inputs = list(read_by({"scene": scene, "cameras": cameras}))
+    inputs = list(inputs_of({"scene": scene, "cameras": cameras}))
     for view in views if folder else ():
         check_distinct([("-o", picture_path(folder, view))], inputs)
         if folder.is_dir():
@@ -72,16 +78,16 @@ def check_files(film: Film, folder: Path | None, views: list[Camera], scene: str
     for view in views if film.video else ():
         if (view.width, view.height) != first:
             sizes = "{}x{} and {}x{}".format(*first, view.width, view.height)
-            raise InputError(f"--video: cameras are of several sizes, {sizes}; --size makes it one")
+            raise InputError(f"--video: cameras have several sizes, {sizes}; use --size")
 
 
 def picture_path(folder: Path, view: Camera) -> Path:
-    """Where the picture of a camera lies."""
+    """Return the path of a camera's picture."""
     return folder / f"{path.file_name(view)}.png"
 
 
 def written(pictures, views: list[Camera], film: Film, folder: Path | None) -> list[dict]:
-    """Rows of `render.picture`, whose pictures are written as they come."""
+    """Write the pictures of `render.picture` as they come; return the rows without them."""
     rows = []
     if folder:
         make_folder(folder)

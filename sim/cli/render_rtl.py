@@ -1,4 +1,4 @@
-"""`splatcore render --engine rtl`: frames of the simulated hardware, and how right they are."""
+"""`splatcore render --engine rtl`: frames of the simulated hardware, and their errors."""
 
 import time
 from dataclasses import asdict, dataclass, replace
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from splatcore.sim.cli.options import option
+from splatcore.sim.cli.options import RTL, option
 from splatcore.sim.common import describe
-from splatcore.sim.common.metric import Difference, Result, against, differences, told
+from splatcore.sim.common.metric import Difference, Result, against, differences, metrics_line
 from splatcore.sim.common.output import (
     check_distinct,
     check_writable,
@@ -32,27 +32,35 @@ if TYPE_CHECKING:
     from splatcore.sim.machine.machine import Job, Machine, Run
     from splatcore.sim.machine.waves import Recording, Window
 
-WAVES_MAX = 1000.0  # MB of waveforms that need no further word
+WAVES_MAX = 1000.0  # MB, default of --waves-max
 
-FramesOption = option(int, "N", "rtl: frames of a small orbit; numbered pictures.")
-TimingOption = option(str, "NAME", "rtl: memory, 'ideal' or 'lpddr4' (64 bits of it).")
-ErrorMapOption = option(Path | None, "FILE.png", "rtl: draw the error of the first frame.")
+FramesOption = option(
+    int, "N", "Number of frames, on a small orbit; pictures are numbered.", panel=RTL
+)
+TimingOption = option(str, "NAME", "Memory model: 'ideal' or 'lpddr4' (64 bits wide).", panel=RTL)
+ErrorMapOption = option(Path | None, "FILE.png", "Draw an error map of the first frame.", panel=RTL)
 WavesOption = option(
     Path | None,
     "FILE",
-    "rtl: waveforms of --window or --tile, .vcd or .fst; .gtkw and .sucl beside.",
+    "Record waveforms of --window or --tile (.vcd or .fst), with .gtkw and .sucl files.",
+    panel=RTL,
+)
+WindowOption = option(str | None, "FIRST:LAST", "Cycles for --waves.", panel=RTL)
+TileOption = option(
+    str | None, "COLUMN,ROW", "Tile for --waves: the cycles of its group in frame 0.", panel=RTL
 )
 ScopeOption = option(
-    str | None, "MODULE", "Module whose signals --waves records, with all in it, like raster.setup."
+    str | None,
+    "MODULE",
+    "Module for --waves, with everything inside, like raster.setup.",
+    panel=RTL,
 )
-WavesMaxOption = option(float, "MB", "Most that --waves may be estimated at.")
-WindowOption = option(str | None, "FIRST:LAST", "Cycles that --waves records.")
-TileOption = option(str | None, "COLUMN,ROW", "Tile whose group --waves records, in frame 0.")
+WavesMaxOption = option(float, "MB", "Maximum estimated size of --waves.", panel=RTL)
 
 
 @dataclass(frozen=True)
 class Request:
-    """Options that only simulation has, as the command line gave them."""
+    """The options of RTL simulation, as on the command line."""
 
     frames: int = 1
     timing: str = "lpddr4"
@@ -64,7 +72,7 @@ class Request:
     waves_max: float = WAVES_MAX
 
     def check(self, engine: str, output: Path):
-        """InputError for what does not go together or cannot be written."""
+        """Raise InputError for options that do not go together, or an unwritable output."""
         if engine != "rtl":
             for name, value in asdict(self).items():
                 if value != getattr(Request(), name):
@@ -72,7 +80,7 @@ class Request:
             return
         find_timing(self.timing)
         if self.frames < 1:
-            raise InputError(f"--frames {self.frames}: is not 1 or more")
+            raise InputError(f"--frames {self.frames}: must be 1 or more")
         if bool(self.waves) != bool(self.window or self.tile) or (self.window and self.tile):
             raise InputError("--waves: goes with either --window or --tile")
         if self.scope and not self.waves:
@@ -97,10 +105,10 @@ def render_rtl(
     output: Path,
     json: Path | None,
 ):
-    """Simulate, write and judge the frames of `--engine rtl`. Exit status 1 if they are not right.
+    """Simulate frames in RTL, write and compare them; exit with status 1 if one is wrong.
 
     Every frame is compared with the golden model's, and with the float64 reference on the same
-    packed model and on the scene as it is.
+    packed model and on the original scene.
     """
     from splatcore.sim.machine import engines
     from splatcore.sim.machine.machine import Job
@@ -150,7 +158,10 @@ def render_rtl(
 def simulated(
     config: Config, jobs: "list[Job]", request: Request, first: "pipeline.Frame", label: str
 ) -> "Run":
-    """What the machine makes of the jobs, the first of which is to be `first`; with waveforms."""
+    """Simulate the jobs, with waveforms if requested.
+
+    first: the golden model's frame of the first job
+    """
     from splatcore.sim.machine.path import build, simulate
     from splatcore.sim.machine.wave_kind import check_kind
     from splatcore.sim.machine.waves import Window, write_waves
@@ -167,7 +178,7 @@ def simulated(
 def planned(
     config: Config, machine: "Machine", window: "Window", request: Request, first: "pipeline.Frame"
 ) -> "Recording":
-    """What is recorded; says how large the file will be, and refuses what is too large."""
+    """Plan the recording and print its estimated size; raise InputError if it is too large."""
     from splatcore.sim.cycles.frame import frame_cycles
     from splatcore.sim.machine.wave_kind import DEEPEST, check_kind
     from splatcore.sim.machine.wave_names import find_scope, within
@@ -187,7 +198,7 @@ def planned(
     if size > request.waves_max:
         raise InputError(
             f"--waves {request.waves}: {text} are above --waves-max {request.waves_max:g}; "
-            "a --scope, a shorter --window or .fst take less"
+            "use --scope, a shorter --window or .fst"
         )
     console.print(f"{request.waves}: {text}", soft_wrap=True)
     return recording
@@ -200,7 +211,10 @@ def report(
     metrics: list[dict[str, Difference]],
     output: Path,
 ) -> list[bool]:
-    """Print what came of each frame, cycles and counters; whether each is the golden model's."""
+    """Print each frame's errors, the cycles and counters.
+
+    Returns for each frame whether it is identical to the golden model's.
+    """
     from splatcore.sim.machine import engines
     from splatcore.sim.machine.diagnosis import diagnose
 
@@ -211,7 +225,7 @@ def report(
         console.print(
             f"{numbered(output, k, count)}: "
             f"{'identical to the golden model' if found is None else found}; "
-            f"against the reference: {told(metric)}",
+            f"against the reference: {metrics_line(metric)}",
             soft_wrap=True,
         )
     table = {f"cycles, {name}": value for name, value in engines.cycles(run).items()}
@@ -225,7 +239,7 @@ def report(
 def facts(
     run: "Run", result: Result, metrics: list[dict[str, Difference]], same: list[bool], timing: str
 ) -> dict:
-    """Content of `--json` for a run."""
+    """Return the content of `--json` for a run."""
     from splatcore.sim.machine import engines
 
     found = engines.cycles(run)
@@ -241,5 +255,5 @@ def facts(
 
 
 def numbered(path: Path, k: int, count: int) -> Path:
-    """The path of frame k of `count`: OUT.png, or OUT-000.png and so on."""
+    """Return the path of frame k of `count`: OUT.png for a single one, else OUT-000.png etc."""
     return path if count == 1 else path.with_name(f"{path.stem}-{k:03}{path.suffix}")

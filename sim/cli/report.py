@@ -1,4 +1,4 @@
-"""The command `report`: all results on one page."""
+"""The command `report`: one page of all results."""
 
 from pathlib import Path
 
@@ -6,7 +6,8 @@ import typer
 
 from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.cli.options import app, option
+from splatcore.sim.cli.commands import COMMANDS
+from splatcore.sim.cli.options import MACHINE, OUTPUT, SCENE, app, option
 from splatcore.sim.common.output import console, make_folder, messages
 from splatcore.sim.common.size import parse_size
 from splatcore.sim.common.source import check_known
@@ -16,34 +17,40 @@ from splatcore.sim.report.titles import SECTIONS
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-OutputOption = option(Path, "DIR", "Folder to write into.", "-o", "--out")
+OutputOption = option(Path, "DIR", "Folder to write into.", "-o", "--out", panel=OUTPUT)
 ResultsOption = option(
     str | None,
     "DIR",
-    "Folder of results, and nothing besides. Default: results in the other one, and what is "
-    "missing there from those that the repository keeps.",
+    "Read results from this folder only. Default: from results in the -o folder, and those missing "
+    "there from docs/results.",
 )
-KeepOption = option(Path | None, "DIR", "Also write the results measured as tables to keep.")
-PicturesOption = option(Path | None, "DIR", "Also write the plots of docs/ as PNG.")
-SectionOption = option(list[str] | None, "NAME", "Only this section; repeatable.")
+KeepOption = option(
+    Path | None, "DIR", "Also write the results as tables for docs/results.", panel=OUTPUT
+)
+PicturesOption = option(Path | None, "DIR", "Also write the plots of docs/ as PNG.", panel=OUTPUT)
+SectionOption = option(list[str] | None, "NAME", "Show only this section; may be repeated.")
 SceneOption = option(
-    list[str] | None, "SCENE", "Only this scene; repeatable. Default: all measured."
+    list[str] | None,
+    "SCENE",
+    "Show only this scene; may be repeated. Default: all measured.",
+    panel=SCENE,
 )
-SizeOption = option(str | None, "WxH", "Refuse results of another size.")
-PresetOption = option(str | None, "NAME|FILE", "Refuse results of another machine.")
+SizeOption = option(str | None, "WxH", "Refuse results of another size.", "--size", panel=SCENE)
+PresetOption = option(
+    str | None, "NAME|FILE", "Refuse results of another machine.", "--preset", panel=MACHINE
+)
 
 
 @app.command(
     "report",
-    help="Write one page that says how fast, how exact and how large the machine is.\n\n"
+    help=f"{COMMANDS['report'].summary}\n\n"
     "DIR/report.html needs no network and no other file; report.json and tables/*.csv have the "
-    "same numbers. It runs nothing: it reads results that other commands left in a folder, and "
-    "for what is missing there those of docs/results, which say the command and the version that "
-    "made them. Each figure and table names both. `make out/report/results/NAME.json` measures one "
-    "again, `make results` what is missing, hours for all of it with the real scenes. What is "
-    "missing is named at the end with the command that makes it, exit status 1, and the rest "
-    "stands."
-    f"\n\nSections: {', '.join(SECTIONS)}. fit shows results/fit/*.json.",
+    "same numbers. Nothing is measured: results come from files that other commands wrote, or else "
+    "from docs/results. Each figure and table names the command and version behind it. "
+    "`make out/report/results/NAME.json` re-measures one result; `make results` measures all "
+    "missing ones, which takes hours with the real scenes. A missing result is listed at the end "
+    "with the command that makes it, and the exit status is 1."
+    f"\n\nSections: {', '.join(SECTIONS)}. Section fit shows results/fit/*.json.",
 )
 def report_command(
     output: OutputOption,
@@ -64,7 +71,7 @@ def report_command(
         if text not in GENERATORS or Path(text).exists():
             read_bytes(text, 1)
     if results is None and not kept.FOLDER.is_dir():
-        raise InputError(f"{kept.FOLDER}: the kept results are not there; name --results")
+        raise InputError(f"{kept.FOLDER}: folder does not exist; use --results")
     from splatcore.sim.report.sections import compose, write_report
 
     make_folder(output)
@@ -86,7 +93,7 @@ def report_command(
 
 
 def _more(found: Results, keep: Path | None, pictures: Path | None) -> list[Path]:
-    """What is written besides the page."""
+    """Write tables and plots, if requested; return their paths."""
     from splatcore.sim.report.keep import write_kept, write_pictures
 
     paths: list[Path] = []

@@ -1,5 +1,4 @@
-"""The commands `scene`, `join` and `info`: a generated scene as a file; scenes side by side in one;
-the contents of a file."""
+"""The commands `scene` (generate one), `join` (put several side by side) and `info` (show one)."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,9 @@ from splatcore.model.cameras.join import in_view, side_by_side
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
+from splatcore.sim.cli.commands import COMMANDS
 from splatcore.sim.cli.options import (
+    OUTPUT,
     AntialiasedOption,
     AxesOption,
     JsonOption,
@@ -25,23 +26,23 @@ from splatcore.sim.common.source import View, check_source, open_source
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
-NameArgument = argument(str, "NAME", "Which scene.")
-OutputOption = option(Path, "FILE.ply", "Where to write it.", "-o")
-CountOption = option(int | None, None, "Number of Gaussians.")
-SeedOption = option(int, None, "Same seed, same scene.")
-CamerasOption = option(Path | None, "FILE.json", "Write the scene's own view, too.")
+NameArgument = argument(str, "NAME", "Scene to generate.")
+OutputOption = option(Path, "FILE.ply", "Scene file to write.", "-o", panel=OUTPUT)
+CountOption = option(int | None, "N", "Number of Gaussians.")
+SeedOption = option(int, "N", "Random seed.")
+CamerasOption = option(Path | None, "FILE.json", "Also write the scene's camera.", panel=OUTPUT)
 ScenesArgument = argument(list[str], "SCENE …", "Scenes, from left to right.")
 BehindOption = option(
-    str | None, "SCENE", "A scene that is put behind the camera: loaded and never seen."
+    str | None, "SCENE", "Also put a scene behind the camera: it is loaded and never visible."
 )
 KeptOption = option(
-    int | None, None, "Number of Gaussians that are kept, picked evenly; those behind go first."
+    int | None, "N", "Keep N Gaussians, picked evenly; those behind the camera are dropped first."
 )
 
 
 @app.command(
     "scene",
-    help="Generate a scene and write it as a 3DGS PLY.\n\nNAME is `garden`, the embedded default, "
+    help=f"{COMMANDS['scene'].summary}\n\nNAME is `garden`, the embedded default, "
     "or one of the hard cases: " + ", ".join(name for name in GENERATORS if name != "garden") + ".",
 )
 def scene_command(
@@ -67,13 +68,12 @@ def join_command(
     antialiased: AntialiasedOption = None,
     axes: AxesOption = None,
 ):
-    """Put scenes side by side in front of one camera and write them as one 3DGS PLY.
+    """Put scenes side by side in front of one camera, in one PLY file.
 
-    The camera is the first scene's: the first in the file beside it, NAME.cameras.json, else a
-    sensible view. Each scene is moved so that its middle comes to the middle of its own column of
-    the picture, of n scenes √n times as far away as from its own camera; none is turned or scaled.
-    --cameras writes the camera. Scenes reach into each other's columns, as real ones have
-    surroundings.
+    The camera is the first scene's: the first in NAME.cameras.json next to its file, else a
+    generated view. Of n scenes, each gets a column of the picture: it is moved (not turned or
+    scaled) to the middle of its column, √n times as far away as from its own camera. Surroundings
+    of real scenes overlap other columns. --cameras writes the camera.
     """
     reading = Reading(antialiased, axes)
     for each in scene:
@@ -88,7 +88,7 @@ def join_command(
 
 
 def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
-    """A scene's files, and a line about them."""
+    """Write a scene and its camera, and print a line about them."""
     with files.whole_file(output) as part:
         write_ply(part, scene)
     if cameras:
@@ -103,7 +103,10 @@ def info_command(
     axes: AxesOption = None,
     json: JsonOption = None,
 ):
-    """Say what a scene or packed model holds: counts, extents, ranges, anything odd."""
+    """Show the contents of a scene or packed model.
+
+    Prints counts, extents, ranges of values, and notes on anything unusual.
+    """
     notes.hush()  # they are in the table
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, Reading(antialiased, axes))

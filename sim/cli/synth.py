@@ -1,9 +1,9 @@
-"""The command `synth`: how large the machine's parts are, and how deep."""
+"""The command `synth`: size and depth of the machine's parts."""
 
 from pathlib import Path
 
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
-from splatcore.sim.cli.options import FOLDER, JsonOption, PresetOption, app, option
+from splatcore.sim.cli.options import FOLDER, OUTPUT, JsonOption, PresetOption, app, option
 from splatcore.sim.common import paper
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.source import check_known
@@ -16,15 +16,28 @@ from splatcore.spec.preset import find_preset
 
 PARTS = STAGES | CONTROL | PRIMITIVES
 
-StageOption = option(list[str], "NAME", f"top, {', '.join(PARTS)}.")
+CELLS = "Standard cells"
+
+StageOption = option(list[str], "NAME", f"Part; may be repeated: top, {', '.join(PARTS)}.")
 LibertyOption = option(
-    str | None, "FILE", "Standard cells (.lib, .lib.gz): area and longest paths in these."
+    str | None,
+    "FILE",
+    "Map to the cells of a library (.lib, .lib.gz): area and longest paths.",
+    panel=CELLS,
 )
 ProcessOption = option(
-    float | None, "NM", "The library's process, to scale its area to 28 nm.", min=1.0
+    float | None,
+    "NM",
+    "Process of the library, for scaling its area to 28 nm.",
+    min=1.0,
+    panel=CELLS,
 )
 StaOption = option(
-    Path | None, FOLDER, "With --liberty: netlists of cells, and scripts for OpenSTA.", "-o"
+    Path | None,
+    FOLDER,
+    "With --liberty: write netlists of cells, and scripts for OpenSTA.",
+    "-o",
+    panel=OUTPUT,
 )
 
 
@@ -37,20 +50,19 @@ def synth_command(
     output: StaOption = None,
     json: JsonOption = None,
 ):
-    """Synthesise stages or primitives and say how large and how deep they are.
+    """Synthesise stages or primitives; print their size and depth.
 
-    Sizes are NAND2-equivalents with flip-flops and without memories, which are listed in bits.
-    Depth is the number of gates on the longest path between registers; 800 MHz in 28 nm leave room
-    for 40. Mapped for area, with the depth that this gives, and mapped for speed.
+    Size is in NAND2-equivalents, with flip-flops, without memories (listed in bits). Depth is the
+    number of gates on the longest path between registers; 800 MHz in 28 nm allows 40. Each part is
+    mapped for area and for speed.
 
-    With --liberty in cells of that library instead: um², its own NAND2-equivalents, ps of the
-    longest path with its cells and the names of its ends, without and with wires, and the same in
-    FO4: the delay of an inverter with four of its kind as load. docs/silicon.md says what is
-    assumed.
+    With --liberty: area in um² and the library's NAND2-equivalents; the longest path in ps and FO4
+    (delay of an inverter that drives four), with its cells and end points, without and with wires.
+    Assumptions: docs/silicon.md.
 
-    top is the whole machine, part by part, and checked for latches, loops, wires of several drivers
-    and of none; with --liberty paths lead across parts. It takes up to half an hour the first time;
-    parts are kept (see `splatcore cache`).
+    top is the whole machine, part by part, checked for latches, loops, and wires with several
+    drivers or none; with --liberty paths cross parts. The first run takes up to half an hour; parts
+    are cached (see `splatcore cache`).
     """
     config = find_preset(preset)
     check_known("--stage", ("top", *PARTS), *stage)
@@ -71,7 +83,7 @@ def synth_command(
 
 
 def _synthesise_parts(config: Config, names: list[str]) -> dict:
-    """Print a table of parts on their own; the same for a JSON file."""
+    """Synthesise and print single parts; return the numbers for JSON."""
     facts = {}
     headings = ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits")
     title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"

@@ -1,4 +1,4 @@
-"""The commands `verilog` and `registers`: files for those who build the machine in."""
+"""The commands `verilog` and `registers`: files for integrating the machine."""
 
 import re
 from pathlib import Path
@@ -10,13 +10,19 @@ from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
 PARTS = ("top", "registers", "stages")
-"""Names of `sim.eda.verilog.WRITERS`, whose import takes a while."""
+"""Keys of `sim.eda.verilog.WRITERS`, repeated here because its import is slow."""
 
 DEFAULT_PARTS = PARTS[:2]
 
-PartOption = option(list[str] | None, "NAME", f"{', '.join(PARTS)}. Default: the first two.")
-PrefixOption = option(str, "NAME", "What names of modules and of the files with them begin with.")
-SourceOption = option(bool, None, "Whether attributes src name lines of Python: a third of it all.")
+PartOption = option(
+    list[str] | None,
+    "NAME",
+    f"Part to write: {', '.join(PARTS)}; may be repeated. Default: the first two.",
+)
+PrefixOption = option(str, "NAME", "Prefix of the names of modules and their files.")
+SourceOption = option(
+    bool, None, "Write `src` attributes, with lines of Python: a third of the text."
+)
 
 
 @app.command("verilog")
@@ -27,17 +33,17 @@ def verilog_command(
     prefix: PrefixOption = "splatcore",
     src: SourceOption = True,
 ):
-    """Write the machine as Verilog, and all that a flow wants beside it.
+    """Write the machine as Verilog, with the files that a flow needs.
 
-    top: splatcore_top.v with splatcore_memories.v, memories.csv, a FuseSoC core file with a small
-    testbench, constraints and lint's waivers. registers: what `splatcore registers` writes. stages:
-    one file each, which stands alone. docs/integration.md says more.
+    Part top: splatcore_top.v, splatcore_memories.v, memories.csv, a FuseSoC core file with a small
+    testbench, constraints and lint waivers. Part registers: the files of `splatcore registers`.
+    Part stages: one self-contained file per stage. See docs/integration.md.
     """
     config = find_preset(preset)
     parts = part or list(DEFAULT_PARTS)
     check_known("--part", PARTS, *parts)
     if not re.fullmatch(r"[A-Za-z]\w*", prefix, re.A):
-        raise InputError(f"--prefix {prefix}: is no name of Verilog")
+        raise InputError(f"--prefix {prefix}: is not a Verilog identifier")
     from splatcore.sim.eda import verilog
 
     names = verilog.Names(prefix, src)
@@ -52,10 +58,11 @@ def verilog_command(
 
 @app.command("registers")
 def registers_command(output: FolderOption, preset: PresetOption = "DEFAULT"):
-    """Write the register map: registers.md, the C header splatcore.h, splatcore.rdl; and a driver.
+    """Write the register map, a C header, a driver and SystemRDL.
 
-    splatcore_driver.c renders a frame and needs no floating point, as in a kernel;
-    splatcore_camera.c makes a camera's registers. splatcore.rdl is SystemRDL, for other tools.
+    registers.md is the documentation, splatcore.h the header, splatcore.rdl SystemRDL for other
+    tools. splatcore_driver.c renders a frame without floating point, as a kernel needs it;
+    splatcore_camera.c computes the registers of a camera.
     """
     from splatcore.sim.eda.register_files import write_register_files
 

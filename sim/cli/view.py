@@ -1,4 +1,4 @@
-"""The command `view`: a page in the browser, with the machine's picture of where one looks."""
+"""The command `view`: a page in the browser with the machine's picture of the current view."""
 
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import options
@@ -21,11 +21,15 @@ from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
 AT_MOST = (960, 540)
-"""Size within which a picture lies where --size says nothing: a second or two of rendering."""
+"""Maximum size of a picture without --size: it renders in a second or two."""
 
-HostOption = option(str, "ADDRESS", "Where it listens; 0.0.0.0: to other computers, too.")
-PortOption = option(int, "N", "0: one that is free.", min=0, max=65535)
-BrowserOption = option(bool, None, "Open the page in the browser of this computer.")
+SERVER = "Server"
+
+HostOption = option(
+    str, "ADDRESS", "Address to listen on; 0.0.0.0: also for other computers.", panel=SERVER
+)
+PortOption = option(int, "N", "Port; 0: any free one.", min=0, max=65535, panel=SERVER)
+BrowserOption = option(bool, None, "Open the page in the browser of this computer.", panel=SERVER)
 
 
 @options.app.command("view")
@@ -42,11 +46,11 @@ def view_command(
     port: PortOption = 8080,
     browser: BrowserOption = False,
 ):
-    """Look at a scene in the browser, with the machine's picture at rest.
+    """Look at a scene in the browser, as the machine renders it.
 
-    While the camera moves, the page shows the browser's own picture of the splats. Beside the
-    machine's picture, the golden model's, are cycles, frames a second and the error; instead of it
-    the page shows the reference's picture, error maps, splats of each tile or cycles of each group.
+    While the camera moves, the browser draws the splats itself; when it rests, the page shows the
+    golden model's picture, with cycles, frames per second and error. It can also show the
+    reference's picture, error maps, splats per tile or cycles per group. Needs the extra `view`.
     """
     from splatcore.sim.view.server import check_viser, served
 
@@ -68,7 +72,7 @@ def view_command(
 def setting_of(
     source: Source, camera: str | None, size: str | None, config: Config, quality: str | None
 ):
-    """What pages begin with; InputError for what cannot be shown."""
+    """Return the settings of a new page; raise InputError for a scene that cannot be shown."""
     from splatcore.model.formats.camera_file import read_cameras, split_id
     from splatcore.model.pack.pack import qualities_of
     from splatcore.sim.view.camera import fitting, up_of, within
@@ -96,7 +100,10 @@ def setting_of(
 
 
 def wait(address: str | None):
-    """Until an interrupt. address: opened in the browser before."""
+    """Wait for an interrupt.
+
+    address: page to open in the browser first
+    """
     import threading
     import webbrowser
 

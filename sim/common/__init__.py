@@ -1,4 +1,4 @@
-"""Parts that all tools share: scene arguments, output files, metrics, pictures, plots, pools.
+"""Code that all tools share: scene arguments, output files, metrics, pictures, plots, processes.
 
 May import: spec, model, golden.
 """

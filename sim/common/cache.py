@@ -1,6 +1,6 @@
-"""Kept results of long work: folders and JSON files, named by a hash of their origin.
+"""Cached results of long work: folders and JSON files, named by a hash of their inputs.
 
-All of it lies in the user's folder of caches, or in the folder that SPLATCORE_CACHE names.
+They are stored in the user's cache folder, or in the folder that SPLATCORE_CACHE names.
 """
 
 import fcntl
@@ -21,21 +21,21 @@ from platformdirs import user_cache_path
 from splatcore.sim.common.output import write
 
 VARIABLE = "SPLATCORE_CACHE"
-"""Environment variable that names the folder of everything that is kept."""
+"""Environment variable that names the cache folder."""
 
 NAME = r"(library-)?[0-9a-f]{32}(\.json|\.lock)?"
-"""Names of what is kept, a pattern."""
+"""Pattern of the names of cached files and folders."""
 
 T = TypeVar("T")
 
 
 def cache_root() -> Path:
-    """The folder of everything that is kept."""
+    """Return the cache folder."""
     return Path(os.environ.get(VARIABLE) or user_cache_path("splatcore", False)).absolute()
 
 
 def kept() -> dict[str, list[Path]]:
-    """Files and folders that are kept, by kind. What is called otherwise is somebody else's."""
+    """Return the cached files and folders, by kind. Other names belong to other programs."""
     found = {}
     for kind in sorted(cache_root().glob("*/")):
         if mine := sorted(path for path in kind.iterdir() if re.fullmatch(NAME, path.name)):
@@ -44,26 +44,27 @@ def kept() -> dict[str, list[Path]]:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file, or of all files in a folder."""
+    """Return the bytes of a file, or of all files in a folder."""
     if not path.is_dir():
         return path.stat().st_size
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
 def empty():
-    """Remove all that is kept; results are made again when somebody asks for them."""
+    """Delete everything in the cache; results are rebuilt on demand."""
     for kind, paths in kept().items():
         for path in paths:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
-        with suppress(OSError):  # somebody else's is in it
+        with suppress(OSError):  # holds files of other programs
             (cache_root() / kind).rmdir()
 
 
 def kept_folder(kind: str, made_from: Any, make: Callable[[Path], None]) -> Path:
-    """The folder that `make` has filled, now or in an earlier run.
+    """Return a folder filled by `make`, now or in an earlier run.
 
-    kind: a folder for all folders of the kind. made_from: all that decides on the content; see
-    `digest`. make: is given the folder, which may hold what an attempt that failed has left.
+    kind: name of the parent folder
+    made_from: everything that decides on the content; see `digest`
+    make: called with the folder, which may hold files of a failed attempt
     """
     folder = cache_root() / kind / digest(made_from)
     with _locked(folder / "lock"):
@@ -74,14 +75,14 @@ def kept_folder(kind: str, made_from: Any, make: Callable[[Path], None]) -> Path
 
 
 def kept_json(kind: str, made_from: Any, compute: Callable[[], T]) -> T:
-    """The result of `compute`, now or in an earlier run, as it comes back from JSON."""
+    """Return the result of `compute`, now or in an earlier run, as read back from JSON."""
     path = cache_root() / kind / f"{digest(made_from)}.json"
     with _locked(path.with_suffix(".lock")):
         return kept_in(path, compute)
 
 
 def kept_in(path: Path, compute: Callable[[], T]) -> T:
-    """The content of a JSON file: the result of `compute`, unless the file is there and whole."""
+    """Return the content of a JSON file; if it is missing or broken, write `compute()` first."""
     with suppress(OSError, ValueError):
         return json.loads(path.read_text())
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -90,20 +91,20 @@ def kept_in(path: Path, compute: Callable[[], T]) -> T:
 
 
 def with_key(path: Path, key: str) -> dict | None:
-    """A JSON file's object if its "key" is this one; None if not, or if it cannot be read."""
+    """Return a JSON file's object if its "key" is `key`; None otherwise, or if unreadable."""
     with suppress(OSError, ValueError):
         found = json.loads(path.read_text())
         return found if isinstance(found, dict) and found.get("key") == key else None
 
 
 def digest(made_from: Any) -> str:
-    """A hash of anything that JSON can hold; bytes, arrays, dataclasses and paths may be inside."""
+    """Return a hash of a JSON-like value, with bytes, arrays, dataclasses and paths."""
     text = json.dumps(made_from, default=_plain, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def _plain(value: Any) -> Any:
-    """A value that JSON does not know, as one that it knows."""
+    """Convert a value that JSON does not support."""
     if isinstance(value, bytes):
         return hashlib.sha256(value).hexdigest()
     if isinstance(value, np.ndarray):
@@ -119,7 +120,7 @@ def _plain(value: Any) -> Any:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock: another process may be at the same work."""
+    """Hold a lock file, as another process may compute the same result."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(path, "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -17,7 +17,7 @@ shortest above which it is called a flake."""
 
 
 def describe(source: Source) -> dict:
-    """Facts by name: numbers, or lists of numbers (percentiles are `PERCENTILES`)."""
+    """Return facts by name: numbers, or lists of numbers (at the `PERCENTILES`)."""
     if source.model is not None:
         return _describe_model(source)
     scene = source.scene
@@ -36,7 +36,7 @@ def describe(source: Source) -> dict:
 
 
 def _ranges(scene: Scene) -> dict:
-    """Extents and ranges of finite Gaussians."""
+    """Return extents and ranges of finite Gaussians."""
     if not len(scene):
         return {}
     return {
@@ -73,12 +73,15 @@ def _describe_model(source: Source) -> dict:
 
 
 def _rounded(values: np.ndarray) -> list[float]:
-    """Five significant digits."""
+    """Round to five significant digits."""
     return [float(f"{value:.5g}") for value in np.ravel(values)]
 
 
 def table(facts: dict, notes: bool = False) -> Table:
-    """Facts as a table of two columns; notes, which commands print by themselves, if wanted."""
+    """Return facts as a table of two columns.
+
+    notes: with the notes, which commands otherwise print as lines of their own
+    """
     drawn = Table(show_header=False, box=None, pad_edge=False)
     if "antialiased" in facts:
         reason = facts["antialiased_by"]
@@ -91,12 +94,12 @@ def table(facts: dict, notes: bool = False) -> Table:
 
 
 def antialiased(value: bool, reason: str) -> str:
-    """Whether a picture's opacities are compensated, with the reason."""
+    """Return "yes" or "no", opacities compensated or not, with the reason."""
     return f"{'yes' if value else 'no'} ({reason})"
 
 
 def antialiased_line(source: Source) -> str:
-    """The same of a source, as a line of its own."""
+    """Return a line on a source: opacities compensated or not, with the reason."""
     found = source.stated
     return f"antialiased: {antialiased(found['antialiased'], found['antialiased_by'])}"
 

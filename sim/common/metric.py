@@ -1,4 +1,4 @@
-"""Differences between two 8-bit images: PSNR, SSIM, maximum error and the metrics of perception."""
+"""Differences between two 8-bit images: PSNR, SSIM, maximum error, FLIP and LPIPS."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -30,7 +30,7 @@ class Difference:
 
 @dataclass
 class Picture:
-    """An image as `--json` writes it (docs/json.md); None where a command has nothing to say."""
+    """An image as `--json` writes it (docs/json.md); None: not known to a command."""
 
     engine: str
     preset: str
@@ -45,8 +45,11 @@ class Picture:
 
 @dataclass
 class Compared(Picture):
-    """An image with its metrics against another, whose name is `against`; of a machine's beside the
-    reference's those that `against` names, too."""
+    """An image with its metrics against the image named `against`.
+
+    A machine's picture that is compared with the reference also has the metrics of the function
+    `against`.
+    """
 
     against: str | None = None
     psnr_db: float | None = None
@@ -63,7 +66,7 @@ class Compared(Picture):
 
 @dataclass
 class Result(Picture):
-    """A rendered image with its metrics, as `against` names them."""
+    """A rendered image with its metrics, named as by the function `against`."""
 
     seconds: float | None = None
     counts: dict[str, int | float] = field(default_factory=dict)
@@ -81,46 +84,47 @@ class Result(Picture):
 
 
 def against(found: dict[str, Difference]) -> dict[str, float | None]:
-    """Metrics of a picture by what it is compared with: `psnr_db_scene` and so on.
+    """Return metrics by JSON key, like `psnr_db_scene`.
 
-    "machine": a machine's picture against the reference's of the same packed model; "scene": the
-    same picture against the reference's of the scene as it is, all harmonics; "packing": the
-    reference's picture of the packed model against that of the scene.
+    found: differences by name of the comparison:
+        "machine": the machine's picture with the reference's of the same packed model
+        "scene": the machine's picture with the reference's of the original scene
+        "packing": the reference's picture of the packed model with that of the original scene
     """
     metrics = list(Difference.__dataclass_fields__)
     return {f"{key}_{name}": getattr(one, key) for key in metrics for name, one in found.items()}
 
 
 def differences(image: np.ndarray, truths: dict[str, np.ndarray]) -> dict[str, Difference]:
-    """A uint8 image [H, W, 3] against each of some truths."""
+    """Compare a uint8 image [H, W, 3] with several exact images; return differences by name."""
     return {name: difference(image, truth) for name, truth in truths.items()}
 
 
 def decibels(row: dict, name: str) -> str:
-    """The PSNR of a row of `against` in a table; "–" where nothing of the name was compared."""
+    """Return the PSNR of a comparison in a row of `against`, as text; "–" if there was none."""
     none = "exact" if row.get(f"max_error_{name}") == 0 else "–"
     return shown(row.get(f"psnr_db_{name}"), ".2f", none=none)
 
 
-def told(found: dict[str, Difference]) -> str:
-    """The same as a line for people."""
+def metrics_line(found: dict[str, Difference]) -> str:
+    """Return differences as one line of text."""
     parts = []
     for name, one in found.items():
         psnr = "equal" if one.identical else f"{one.psnr_db:.2f} dB"
         ssim = "" if one.ssim is None else f", SSIM {one.ssim:.5f}"
-        parts.append(f"{name} {psnr}{ssim}, largest error {one.max_error:.4f}")
+        parts.append(f"{name} {psnr}{ssim}, max error {one.max_error:.4f}")
     return "; ".join(parts)
 
 
 def _same_size(image: np.ndarray, reference: np.ndarray, name: str):
-    """InputError, naming `name`, if the sizes of two images differ."""
+    """Raise InputError, naming `name`, if the sizes of two images differ."""
     if image.shape != reference.shape:
         (h, w), (rh, rw) = image.shape[:2], reference.shape[:2]
         raise InputError(f"{name}: size {w}x{h} differs from the first image's {rw}x{rh}")
 
 
 def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") -> Difference:
-    """Compare uint8 images [H, W, 3]; InputError, naming `name`, if their sizes differ."""
+    """Compare uint8 images [H, W, 3]; raise InputError, naming `name`, if their sizes differ."""
     from skimage.metrics import structural_similarity  # takes a quarter of a second
 
     _same_size(image, reference, name)
@@ -137,42 +141,40 @@ def difference(image: np.ndarray, reference: np.ndarray, name: str = "image") ->
 
 
 def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:
-    """PSNR in dB of images with values 0 … 1; None for identical ones."""
+    """Return the PSNR in dB of images with values 0 … 1; None for identical images."""
     return psnr_of_square(float(np.mean((image - reference) ** 2)))
 
 
 def channel_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Largest absolute difference of the three channels, [H, W], 0 … 255."""
+    """Return the largest absolute difference of the three channels, [H, W], 0 … 255."""
     return np.abs(image.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
 
 
 def flip(image: np.ndarray, reference: np.ndarray, name: str = "image") -> float:
-    """NVIDIA's LDR-FLIP of uint8 images [H, W, 3], the mean over pixels: 0 (equal) … 1.
+    """Return NVIDIA's LDR-FLIP of uint8 images [H, W, 3], the mean over pixels: 0 (equal) … 1.
 
-    Andersson et al. 2020, at the 67 pixels a degree that the authors propose. InputError if the
-    sizes differ, or without the package `flip-evaluator`.
+    Andersson et al. 2020, at 67 pixels per degree as they propose. Raises InputError if the sizes
+    differ, or without the package `flip-evaluator`.
     """
     return float(flip_map(image, reference, name).mean(dtype=np.float64))
 
 
 def flip_map(image: np.ndarray, reference: np.ndarray, name: str = "image") -> np.ndarray:
-    """FLIP of each pixel, [H, W] 0 … 1."""
+    """Return the FLIP of each pixel, [H, W] 0 … 1."""
     _same_size(image, reference, name)
     try:
         from flip_evaluator import evaluate
     except ImportError:
-        raise InputError(
-            "FLIP: needs flip-evaluator; install it by pip install 'splatcore[compress]'"
-        ) from None
+        raise InputError("FLIP: needs flip-evaluator: pip install 'splatcore[compress]'") from None
     test, truth = (pixels.astype(np.float32) / LEVELS for pixels in (image, reference))
     return evaluate(truth, test, "LDR", applyMagma=False, computeMeanError=False)[0][..., 0]
 
 
 def lpips(image: np.ndarray, reference: np.ndarray, name: str = "image") -> float | None:
-    """LPIPS (Zhang et al. 2018, AlexNet) of uint8 images [H, W, 3]; 0 for equal ones.
+    """Return LPIPS (Zhang et al. 2018, AlexNet) of uint8 images [H, W, 3]; 0 for equal images.
 
-    None unless the package `lpips` and the weights of its network are installed: nothing is ever
-    downloaded. InputError if the sizes differ.
+    Returns None unless the package `lpips` and the weights of its network are installed; nothing
+    is downloaded. Raises InputError if the sizes differ.
     """
     _same_size(image, reference, name)
     network = _lpips_network()
@@ -181,7 +183,7 @@ def lpips(image: np.ndarray, reference: np.ndarray, name: str = "image") -> floa
     import torch
 
     def planes(pixels: np.ndarray):
-        """[1, 3, H, W] in −1 … 1, as the network was trained on."""
+        """Convert to [1, 3, H, W] in −1 … 1, the format of the network's training."""
         return torch.from_numpy(pixels.astype(np.float32) * 2 / LEVELS - 1).permute(2, 0, 1)[None]
 
     with torch.no_grad():
@@ -190,7 +192,7 @@ def lpips(image: np.ndarray, reference: np.ndarray, name: str = "image") -> floa
 
 @cache
 def _lpips_network():
-    """The network, or None where it or its weights are missing."""
+    """Return the network, or None if it or its weights are missing."""
     if not all(map(find_spec, ("torch", "torchvision", "lpips"))):
         return None
     import torch

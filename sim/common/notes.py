@@ -1,6 +1,6 @@
-"""Notes on scenes for people: each is printed once by a command, whichever process reads the scene.
+"""Notes on scenes, as lines of text: a command prints each once, whichever process reads the scene.
 
-The process of a command prints; its workers keep their notes, and hand them over with results.
+The main process prints notes; worker processes keep theirs and return them with their results.
 """
 
 import os
@@ -9,15 +9,15 @@ from contextlib import contextmanager
 
 from splatcore.sim.common.output import messages
 
-_told: set[str] = set()
+_known: set[str] = set()
 _kept: list[str] = []
-_printing: list[int] = []  # the process that prints, if there is one
+_printing: list[int] = []  # ID of the process that prints, if any
 
 
 @contextmanager
-def printed() -> Iterator[None]:
-    """This process prints notes meanwhile, each once."""
-    _told.clear()
+def printing() -> Iterator[None]:
+    """Within this context, this process prints each note once."""
+    _known.clear()
     _printing.append(os.getpid())
     try:
         yield
@@ -26,16 +26,16 @@ def printed() -> Iterator[None]:
 
 
 def hush():
-    """The command says notes in its own way."""
+    """Print no more notes: the command shows them in its own way."""
     _printing.clear()
 
 
-def tell(*lines: str):
-    """Print lines that have not been said before; in a worker keep them."""
+def add(*lines: str):
+    """Print new notes; in a worker, keep them."""
     for line in lines:
-        if line in _told:
+        if line in _known:
             continue
-        _told.add(line)
+        _known.add(line)
         if _printing and _printing[-1] == os.getpid():
             messages.print(line, markup=False, soft_wrap=True)
         else:
@@ -43,7 +43,7 @@ def tell(*lines: str):
 
 
 def with_notes(function: Callable, *arguments: object) -> tuple[object, list[str]]:
-    """In a worker: a call's result, and the notes since the call before."""
+    """Call a function in a worker; return its result and the notes since the previous call."""
     try:
         return function(*arguments), list(_kept)
     finally:

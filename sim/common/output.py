@@ -1,4 +1,4 @@
-"""Writing results: where they may be written, whole files or none, and progress bars."""
+"""Writing results: checks of paths, files written as a whole or not at all, progress bars."""
 
 import json
 import os
@@ -28,53 +28,56 @@ from splatcore.spec.error import InputError
 console = Console(highlight=False)  # results, on standard output
 messages = Console(stderr=True, highlight=False)  # progress, on standard error
 
-EVERY = 10.0  # seconds between lines of progress where there is no terminal
+EVERY = 10.0  # seconds between lines of progress if there is no terminal
 
 
 def check_writable(path: Path):
-    """InputError if a file could not be written there: asked before the work, not after it."""
+    """Raise InputError if a file cannot be written here. Called before long work, not after it."""
     folder = path.absolute().parent
     if not folder.is_dir():
-        raise InputError(f"{path}: there is no folder {folder}")
+        raise InputError(f"{path}: folder {folder} does not exist")
     if path.is_dir():
         raise InputError(f"{path}: is a folder")
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is no file")
+        raise InputError(f"{path}: is not a file")
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{path}: the folder is not writable")
+        raise InputError(f"{path}: folder {folder} is not writable")
 
 
 def check_folder(folder: Path):
-    """InputError unless files can be written into a folder; it need not be there yet."""
+    """Raise InputError unless files can be written into a folder, which need not exist yet."""
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is no folder")
+        raise InputError(f"{folder}: is not a folder")
     check_writable(folder / "file" if folder.is_dir() else folder)
 
 
 def check_distinct(written: list[tuple[str, Path]], read: Iterable[Path] = ()):
-    """InputError for a file to be written that is another one of them, or one that is read.
+    """Raise InputError if two outputs are one file, or an output is an input.
 
-    written: names of options, each with its path. A file is the same under all its paths and links.
+    written: outputs, each with the name of its option
+    read: inputs
+
+    Paths and links to the same file are the same.
     """
     inputs = list(read)
     for number, (option, path) in enumerate(written):
         for other, taken in written[:number]:
             if _same(path, taken):
-                raise InputError(f"{path}: {other} and {option} are one file")
+                raise InputError(f"{path}: {other} and {option} name the same file")
         for source in inputs:
             if found := _overwritten(path, source):
-                raise InputError(f"{path}: {option} would overwrite {found}, which is read")
+                raise InputError(f"{path}: {option} would overwrite {found}, an input")
 
 
 INPUTS = (
     ("images", "sparse", "colmap", "point_cloud"),
     (".bin", ".txt", "cameras.json", "transforms.json", "transforms_train.json"),
 )
-"""What is read of a folder: all in folders of these names, files with these ends."""
+"""Inputs in a folder: everything in subfolders of these names, and files with these endings."""
 
 
 def _overwritten(path: Path, source: Path) -> Path | None:
-    """What a file to be written is of an input: the file itself, or one in a folder; else None."""
+    """Return the input that writing `path` would overwrite, a file or one in a folder; or None."""
     if not source.is_dir():
         return source if _same(path, source) else None
     inside = Path(os.path.realpath(path))
@@ -86,35 +89,35 @@ def _overwritten(path: Path, source: Path) -> Path | None:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Whether two paths lead to one file, which need not be there."""
+    """Return whether two paths name the same file, which need not exist."""
     with suppress(OSError):
         return os.path.samefile(one, other)
     return os.path.realpath(one) == os.path.realpath(other)
 
 
 def make_folder(folder: Path):
-    """Make a folder to write into; InputError if that cannot be."""
+    """Make a folder to write into; raise InputError if that is not possible."""
     check_folder(folder)
     folder.mkdir(exist_ok=True)
 
 
 @contextmanager
 def new_folders(folders: Iterable[Path]) -> Iterator[None]:
-    """Folders that a failure leaves empty and that were not there before are removed."""
+    """Within this context, a failure removes new folders that are empty."""
     new = [folder for folder in folders if not folder.exists()]
     try:
         yield
     except BaseException:
         for place in new:
             for folder, _, _ in os.walk(place, topdown=False):
-                with suppress(OSError):  # holds something
+                with suppress(OSError):  # not empty
                     os.rmdir(folder)
         raise
 
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A path to write to that becomes `path` at the end; a failure leaves what was there before."""
+    """Yield a temporary path that replaces `path` at the end; a failure leaves `path` unchanged."""
     path = Path(path)
     try:
         with tempfile.TemporaryDirectory(dir=path.absolute().parent, prefix=".splatcore") as folder:
@@ -128,16 +131,13 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def write(path: str | Path, data: bytes):
-    """Write a file as a whole."""
+    """Write a file as a whole or not at all."""
     with whole_file(path) as part:
         part.write_bytes(data)
 
 
 def write_json(path: Path | None, value: object):
-    """Write an object (a dataclass or a dict) as JSON, if there is a path to write to.
-
-    The key `version` says what made it.
-    """
+    """Write a dataclass or dict as JSON, with the key `version`; do nothing if `path` is None."""
     if path is not None:
         value = dict(value) if isinstance(value, dict) else asdict(value)
         value.setdefault("version", version())
@@ -145,7 +145,7 @@ def write_json(path: Path | None, value: object):
 
 
 class Count(ProgressColumn):
-    """How much of how much is done; nothing where nobody knows how much there is."""
+    """A column with done/total, empty if the total is unknown."""
 
     def render(self, task: Task) -> Text:
         return Text("" if task.total is None else f"{task.completed:g}/{task.total:g}")
@@ -153,9 +153,10 @@ class Count(ProgressColumn):
 
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
-    """A bar on standard error; yields advance(done, total) and removes the bar at the end.
+    """Show a bar on standard error; yield advance(done, total, label) and remove the bar at the
+    end.
 
-    Where standard error is no terminal, a line every `EVERY` seconds tells the same.
+    If standard error is not a terminal, print a line every `EVERY` seconds instead.
     """
     if not messages.is_terminal:
         with _progress_lines(label, total) as advance:
@@ -174,10 +175,10 @@ def progress_bar(label: str, total: int | None = None) -> Iterator:
 
 @contextmanager
 def _progress_lines(label: str, total: int | None) -> Iterator:
-    """Lines in place of a bar, whether or not anything advances."""
+    """Print lines instead of a bar, even if nothing advances."""
     begin, ended, state = time.monotonic(), threading.Event(), [(0, total, label)]
 
-    def tell():
+    def print_lines():
         while not ended.wait(EVERY):
             done, total, text = state[0]
             count = "" if total is None else f" {done:g}/{total:g}"
@@ -187,7 +188,7 @@ def _progress_lines(label: str, total: int | None) -> Iterator:
     def advance(done: int, total: int | None, label: str = label):
         state[0] = done, total, label
 
-    thread = threading.Thread(target=tell, daemon=True)
+    thread = threading.Thread(target=print_lines, daemon=True)
     thread.start()
     try:
         yield advance

@@ -1,7 +1,7 @@
 """The paper's published figures: Chang and Chang, "A 129FPS Full HD Real-Time Accelerator for 3D
-Gaussian Splatting", IEEE TVCG. `docs/paper.md` holds them against each other."""
+Gaussian Splatting", IEEE TVCG. docs/paper.md checks them against each other."""
 
-FPS = 129  # frames a second, the average of its scene set B, at 1920×1080 and 800 MHz
+FPS = 129  # frames per second, the average of its scene set B, at 1920×1080 and 800 MHz
 
 PIXELS_PER_JOULE = 1219e6
 
@@ -17,12 +17,12 @@ LOGIC = {
 GATES = {stage: gates for stage, (gates, _) in LOGIC.items()}
 
 STAGE_OF = {"cull": "stage 0", "project": "stage 1", "sort": "stage 2", "raster": "stage 3"}
-"""The stage that a module of ours stands beside."""
+"""The paper's stage by module of Splatcore."""
 
-GATES_ALL = 1_143_800  # NAND2-equivalents of all of it, as printed: 100 more than the sum
+GATES_ALL = 1_143_800  # NAND2-equivalents in all, as printed: 100 more than the sum
 
 MEMORIES = {"sort": 56, "feature": 32, "view": 12, "process": 12, "codebook": 8}
-"""Kilobytes; `sort` is four key and four value buffers of 4 KB each, and 12 + 12 KB shared."""
+"""KB by memory; `sort` is four key and four value buffers of 4 KB each, and 12 + 12 KB shared."""
 
 AREA = {
     "stage 0": 4_887, "stage 1": 27_069, "stage 2": 287_820, "stage 3": 33_620, "control": 78_948,
@@ -34,7 +34,7 @@ MEMORY_AREA = {
 }  # fmt: skip
 """um² of memories."""
 
-AREA_ALL = 661_601  # um² of all of it, as printed
+AREA_ALL = 661_601  # um² in all, as printed
 
 UM2_PER_GATE = sum(AREA.values()) / sum(GATES.values())
 
@@ -48,13 +48,13 @@ MEMORY_POWER = {
     "stage 3": ("feature", 15.15e-3),
     "control": ("view, process", 15.72e-3),
 }
-"""Memories and W by the stage whose are most like them; it does not say whose the view and process
-memories are."""
+"""Memories and their power in W by stage. The paper does not assign the view and process
+memories to a stage."""
 
-POWER = 219.41e-3  # W of all of it, as its text says; the table's lines sum up to 0.01 mW more
+POWER = 219.41e-3  # W in all, as in its text; the lines of its table add up to 0.01 mW more
 
 LIST, LIST_MAX = 1000, 5000
-"""Gaussians of most tiles, and the most of a tile (its figure of tile density, bicycle)."""
+"""Gaussians per tile: of most tiles, and the maximum (its figure of tile density, bicycle)."""
 
 PES, PES_DENSE, PES_BUSY = 6, 16, 0.516
 
@@ -62,12 +62,12 @@ OPERATIONS = {
     "with zeros": {"operations": 198, "multiply": 112, "add": 78, "divide": 7, "subtract": 1},
     "without zeros": {"operations": 94, "multiply": 42, "add": 46, "divide": 5, "subtract": 1},
 }
-"""Of stage 1 for a Gaussian."""
+"""Operations of stage 1 per Gaussian."""
 
 CULLED, CULLED_UNCOMPRESSED = 0.56, 0.60
-"""Gaussians behind the near plane, of compressed and uncompressed models."""
+"""Share of Gaussians behind the near plane, of compressed and uncompressed models."""
 
-TERMINATED, TERMINATED_UNCOMPRESSED = 0.243, 0.50  # Gaussians that early termination leaves out
+TERMINATED, TERMINATED_UNCOMPRESSED = 0.243, 0.50  # share of Gaussians skipped by termination
 
 ABLATION = {
     "none": 20.4,
@@ -75,4 +75,4 @@ ABLATION = {
     "+ zero skipping": 97.7,
     "+ early termination": 129.0,
 }
-"""Frames a second, step by step."""
+"""Frames per second, step by step."""

@@ -12,17 +12,17 @@ from splatcore.sim.common.output import write
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
 
-if TYPE_CHECKING:  # what draws maps imports matplotlib, which takes half a second
+if TYPE_CHECKING:  # matplotlib takes half a second to import
     from matplotlib.figure import Figure
 
 MAP_INCHES = 9.6
 DOTS_PER_INCH = 100
-ERROR_MOST = 16  # levels at which the scale of `error_picture` ends
-PNG_LEVEL = 3  # of zlib: in half the time of the usual 6, a twentieth larger
+ERROR_MAX = 16  # levels at the end of the scale of `error_picture`
+PNG_LEVEL = 3  # of zlib: half the time of the default 6, files 5 % larger
 
 
 def read_png(path: str | Path) -> np.ndarray:
-    """An image as uint8 [H, W, 3]; InputError names the file."""
+    """Read an image as uint8 [H, W, 3]; raise InputError, naming the file, if that fails."""
     try:
         with Image.open(path) as image:
             return np.asarray(image.convert("RGB"))
@@ -33,14 +33,14 @@ def read_png(path: str | Path) -> np.ndarray:
 
 
 def write_png(path: str | Path, pixels: np.ndarray):
-    """Write uint8 [H, W, 3]."""
+    """Write uint8 [H, W, 3] as PNG."""
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=PNG_LEVEL)
     write(path, buffer.getvalue())
 
 
 def write_figure(path: str | Path, figure: "Figure", **options):
-    """Write a matplotlib figure as PNG. options: for its `savefig`."""
+    """Write a matplotlib figure as PNG, with options of `savefig`."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", **options)
     write(path, buffer.getvalue())
@@ -49,7 +49,7 @@ def write_figure(path: str | Path, figure: "Figure", **options):
 def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, title: str):
     """Draw the difference of two uint8 images [H, W, 3]: the largest channel error in levels.
 
-    The scale is that of the error's square root, so that single levels stay visible.
+    Colours follow the square root of the error, so that single levels stay visible.
     """
     from matplotlib.colors import PowerNorm
 
@@ -59,16 +59,15 @@ def write_error_map(path: str | Path, image: np.ndarray, reference: np.ndarray, 
 
 
 def error_picture(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """The same difference as uint8 [H, W, 3], on a scale that is the same for all pictures and ends
-    at `ERROR_MOST` levels."""
+    """Return the difference as a picture, uint8 [H, W, 3], on a fixed scale up to `ERROR_MAX`."""
     from matplotlib import colormaps
 
-    error = np.minimum(channel_error(image, reference) / ERROR_MOST, 1)
+    error = np.minimum(channel_error(image, reference) / ERROR_MAX, 1)
     return colormaps["inferno"](np.sqrt(error), bytes=True)[..., :3]
 
 
 def write_heat_map(path: str | Path, tile_list: np.ndarray, title: str):
-    """Draw the length of each tile's list [rows, columns] of splats, on a logarithmic scale."""
+    """Draw the number of splats per tile [rows, columns] on a logarithmic scale."""
     from matplotlib.colors import LogNorm
 
     norm = LogNorm(vmin=1, vmax=max(int(tile_list.max()), 2))

@@ -1,7 +1,6 @@
-"""Plots of one style, as SVG within an HTML page.
+"""Plots of one style, as SVG for an HTML page.
 
-Nothing is told by colour alone: markers, dashes and hatches tell the same. Equal data make equal
-bytes.
+Markers, dashes and hatches repeat what colours show. Equal data give equal bytes.
 """
 
 import io
@@ -21,7 +20,7 @@ from matplotlib.transforms import Bbox
 WIDTH = 7.2  # inches of a plot: printable on A4 and on Letter
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#5f5f5f", "#7a4ea3")
-"""Okabe and Ito's, told apart by all kinds of eyes; two of them darker, two more at the end."""
+"""Okabe and Ito's palette, safe for colour blindness; two colours darker, two more at the end."""
 
 MARKERS = "osD^vP*X<>hp"
 
@@ -40,24 +39,29 @@ STYLE = {
     "axes.spines.right": False, "legend.frameon": False, "hatch.linewidth": 0.6,
     "lines.linewidth": 1.2, "lines.markersize": 5, "svg.fonttype": "path",
 }  # fmt: skip
-"""Text becomes outlines: it looks the same everywhere, in print too."""
+"""Text is drawn as outlines, so it looks the same everywhere, also in print."""
 
 
-ROOM = 3.5  # points around a marker that a name keeps free
+ROOM = 3.5  # points kept free around a marker
 
 PLACES = [(7, 0), (-7, 0)] + [
     (right * far, up * far)
     for far in (5, 14, 24, 36)
     for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1), (0, 1.5), (0, -1.5))
 ]
-"""Offsets of a name from its place, in points. FAR: square points of hidden things that weigh as
-much as a point of distance; LEADER: the distance from which a line leads to it."""
+"""Candidate offsets of a name from its point, in points."""
 
-FAR, LEADER = 1.2, 16
+FAR = 1.2  # cost of one point of distance, in square points hidden
+LEADER = 16  # distance in points from which a leader line is drawn
 
 
 def plot(key: str, height: float, draw: Callable[[Figure], None]) -> str:
-    """An SVG element for an HTML page, drawn by `draw` on a figure of so many inches."""
+    """Return an SVG element for an HTML page.
+
+    key: unique name within the page
+    height: in inches
+    draw: draws on the figure
+    """
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": key}):
         figure = Figure((WIDTH, height), layout="constrained")
         FigureCanvasSVG(figure)
@@ -69,7 +73,7 @@ def plot(key: str, height: float, draw: Callable[[Figure], None]) -> str:
 
 
 def inline(text: str, key: str) -> str:
-    """An SVG file's element for HTML: without name spaces, `key` before its names."""
+    """Return the element of an SVG file for HTML: without namespaces, IDs prefixed by `key`."""
     text = text[text.index("<svg") :]
     text = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", text)
     text = re.sub(r'\bid="', f'id="{key}-', text)
@@ -84,7 +88,7 @@ def stacked(
     values: dict[str, Sequence[float]],
     colours: Sequence[str] = COLOURS,
 ):
-    """Bars from the left, one below another, each in parts that add up."""
+    """Draw horizontal bars, one per label, each stacked from several values."""
     ends = [0.0] * len(labels)
     for number, (name, parts) in enumerate(values.items()):
         axes.barh(
@@ -96,7 +100,7 @@ def stacked(
 
 
 def side_by_side(axes: Axes, labels: Sequence[str], values: dict[str, Sequence[float]]):
-    """Bars from the left, for each label one for each name; NaN for none."""
+    """Draw horizontal bars, per label one for each name; NaN: no bar."""
     width = 0.8 / len(values)
     for number, (name, lengths) in enumerate(values.items()):
         places = [n - 0.4 + width * (number + 0.5) for n in range(len(labels))]
@@ -109,21 +113,21 @@ def side_by_side(axes: Axes, labels: Sequence[str], values: dict[str, Sequence[f
 
 
 def first_on_top(axes: Axes):
-    """Bars in the order of a table; lines only along the numbers."""
+    """Order bars as in a table, with grid lines for the values only."""
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
 
 
 def plain_ticks(axis: Axis, steps: Sequence[float]):
-    """Few numbers on a logarithmic axis, as they are and not as powers of ten."""
+    """Label a logarithmic axis with few plain numbers instead of powers of ten."""
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:,g}")
     axis.set_minor_locator(NullLocator())
 
 
 def mark(axes: Axes, value: float, text: str, dash: str = "--"):
-    """A line across bars at a value, with its meaning above it."""
+    """Draw a line across bars at a value, with a label above it."""
     axes.axvline(value, color=INK, linestyle=dash, linewidth=1)
     axes.annotate(
         text, (value, 1), xycoords=("data", "axes fraction"), xytext=(0, 3),
@@ -132,9 +136,9 @@ def mark(axes: Axes, value: float, text: str, dash: str = "--"):
 
 
 def name_points(figure: Figure, axes: Axes, points: dict[str, tuple[float, float]]):
-    """Names beside points, where they hide neither points nor each other as far as there is room.
+    """Place names next to points so that they hide neither points nor each other, if possible.
 
-    Call it when all else is drawn: names must know where things have come to lie.
+    Call it last: it avoids everything drawn before.
     """
     figure.draw_without_rendering()
     taken = [
@@ -166,19 +170,19 @@ def name_points(figure: Figure, axes: Axes, points: dict[str, tuple[float, float
 
 
 def put(text: Annotation, right: float, up: float):
-    """Move a name to so many points from its place; what is nearest to the place stays there."""
+    """Move a name by an offset in points, and anchor it on the side towards its point."""
     text.set_position((right, up))
     text.set_ha("left" if right > 0 else "right" if right < 0 else "center")
     text.set_va("bottom" if up > 0 else "top" if up < 0 else "center")
 
 
 def overlap(one: Bbox, other: Bbox) -> float:
-    """Area that two boxes share."""
+    """Return the area that two boxes share."""
     shared = Bbox.intersection(one, other)
     return shared.width * shared.height if shared else 0.0
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int):
-    """The legend, under the plot."""
+    """Draw the legend below the plot."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)

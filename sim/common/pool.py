@@ -1,4 +1,4 @@
-"""Processes of one thread each that share independent work."""
+"""Worker processes, of one thread each, for independent tasks."""
 
 import os
 import signal
@@ -18,13 +18,13 @@ Item = TypeVar("Item")
 CONTEXT = get_context("spawn")  # a fork would inherit locks of the libraries' threads
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-"""Environment of the processes: threads that wait for each other while others work take longer."""
+"""Environment of the workers: more threads than cores would slow all of them down."""
 
-POLL = 0.2  # seconds between looks at the messages of the processes
+POLL = 0.2  # seconds between reads of the workers' messages
 
 
 class _Remembering:
-    """`CONTEXT` that remembers its processes."""
+    """`CONTEXT` with a list of the processes it started."""
 
     def __init__(self):
         self.started = []
@@ -39,9 +39,11 @@ class _Remembering:
 
 @contextmanager
 def processes(count: int, messages: Queue | None = None) -> Iterator[Executor]:
-    """So many processes, which a failure or an interrupt ends. messages: where `send` puts them.
+    """Yield a pool of `count` processes; a failure or an interrupt ends them.
 
-    If a process is lost, the text of the BrokenProcessPool says how it ended (`how_ended`).
+    messages: queue for `send`
+
+    Raises BrokenProcessPool, with the text of `how_ended`, if a process is lost.
     """
     context = _Remembering()
     pool = ProcessPoolExecutor(count, context, _begin, (messages,))
@@ -63,27 +65,29 @@ def processes(count: int, messages: Queue | None = None) -> Iterator[Executor]:
 
 
 def how_ended(codes: list[int]) -> str:
-    """How the first process that was lost ended, by the exit codes of all: the others have ended
-    (0) or were terminated for its sake."""
+    """Return how the first lost process ended.
+
+    codes: exit codes of all processes; the others ended (0) or were terminated (-SIGTERM)
+    """
     lost = [code for code in codes if code not in (0, -signal.SIGTERM)]
     code = lost[0] if lost else -signal.SIGTERM
     if code > 0:
         return f"ended with status {code}"
     name = signal.Signals(-code).name
-    return f"ended by signal {-code} ({name})" + ", as without memory" * (name == "SIGKILL")
+    return f"ended by signal {-code} ({name})" + ", maybe out of memory" * (name == "SIGKILL")
 
 
 def as_done(
     waiting: dict[Future, Item],
     messages: Queue | None = None,
-    tell: Callable[..., None] | None = None,
+    report: Callable[..., None] | None = None,
 ) -> Iterator[tuple[Item, Future]]:
-    """Items and their futures, as these are done; `tell` is called with the messages meanwhile."""
+    """Yield items with their futures as these complete; call `report` with messages meanwhile."""
     while waiting:
         done, _ = wait(waiting, POLL if messages else None, FIRST_COMPLETED)
         while messages:
             try:
-                tell(*messages.get_nowait())
+                report(*messages.get_nowait())
             except Empty:
                 break
         for future in done:
@@ -91,12 +95,12 @@ def as_done(
 
 
 def send(*message: object):
-    """In a process of a pool: a message to the process that made it."""
+    """In a worker: send a message to the process that created the pool."""
     _messages.put(message)
 
 
 def _begin(messages: Queue | None):
-    """In a new process: an interrupt ends it without a word, and its progress is told nowhere."""
+    """In a new worker: print no progress, and end silently on an interrupt."""
     global _messages
     output.messages.quiet = True
     _messages = messages

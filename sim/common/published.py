@@ -1,14 +1,21 @@
 """Published accelerators for 3D Gaussian Splatting: their own figures, each with its source.
 
-None: the source that was read does not say. Figures of one machine in another one's paper are
-marked as such; frame rates are of each author's own scenes, at the resolution beside them.
+None: not stated in the source that was read. Figures of one machine that come from the paper of
+another are marked; frame rates are for each author's own scenes, at the resolution in `pixels`.
 """
 
 from typing import NamedTuple
 
 
 class Published(NamedTuple):
-    """A machine. area: mm²; gates: thousands; memory: KB on chip; clock: MHz; power: W."""
+    """A machine.
+
+    clock: MHz
+    gates: thousands
+    memory: KB on chip
+    area: mm²
+    power: W
+    """
 
     name: str
     kind: str
@@ -45,7 +52,7 @@ PUBLISHED = (
         "Oh et al., arXiv 2511.12930, abstract",
     ),
     Published(
-        "Neo's cycle model", "model, 256 pixels a cycle, 51.2 GB/s", None, 1000, None, None, None,
+        "Neo's cycle model", "model, 256 pixels per cycle, 51.2 GB/s", None, 1000, None, None, None,
         None, "1920×1080", "250 (flowers), 455 (skull), 694 (luma-seal)",
         "its published cycle model on three of this report's frames, without projection and "
         "writing of the picture: docs/performance.md",
@@ -56,7 +63,7 @@ PUBLISHED = (
     ),
     Published(
         "3D GS processor", "chip", None, None, None, None, None, None, None,
-        "373, at 1.78 mJ a frame", "ISSCC 2025, 2.6, title and abstract",
+        "373, at 1.78 mJ per frame", "ISSCC 2025, 2.6, title and abstract",
     ),
     Published(
         "Vorion", "RISC-V GPU, prototype", "16 nm", None, None, None, None, None, None, "19",
@@ -72,4 +79,4 @@ PUBLISHED = (
         "JAKO202401668400714, abstract, which has no figures",
     ),
 )  # fmt: skip
-"""All that was found."""
+"""The published machines."""

@@ -1,4 +1,4 @@
-"""Options on how a scene is read and seen, as one value."""
+"""The options that decide how a scene is read and viewed, as one value."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -14,10 +14,13 @@ ANTIALIASED = {True: "--antialiased", False: "--no-antialiased"}
 
 @dataclass(frozen=True)
 class Reading:
-    """Options on a scene; each is None unless it was given.
+    """Options on a scene; None: not given.
 
-    antialiased: overrides the scene's mark. axes: those of an SPZ file that states none, one of
-    `AXES` in any case. near: near plane of all cameras, scene units. InputError for unknown axes.
+    antialiased: override of the scene's mark
+    axes: axes of an SPZ file that does not state them, one of `AXES` in upper or lower case
+    near: near plane of all cameras, scene units
+
+    Raises InputError for unknown axes.
     """
 
     antialiased: bool | None = None
@@ -27,34 +30,40 @@ class Reading:
     def __post_init__(self):
         if self.axes is not None:
             if self.axes.upper() not in AXES:
-                raise InputError(f"--axes '{self.axes}': unknown (there are {', '.join(AXES)})")
+                raise InputError(f"--axes '{self.axes}': unknown; choose {choices(AXES)}")
             object.__setattr__(self, "axes", self.axes.upper())
 
     @property
     def options(self) -> tuple[str, ...]:
-        """The options that were given, as on the command line."""
+        """The given options, as on the command line."""
         axes = f"--axes {self.axes}" if self.axes else None
         near = None if self.near is None else f"--near {self.near:g}"
         return tuple(each for each in (ANTIALIASED.get(self.antialiased), axes, near) if each)
 
     @property
     def near_plane(self) -> float:
-        """The near plane of views that a command makes itself."""
+        """The near plane of generated views."""
         return NEAR_PLANE if self.near is None else self.near
 
     def seen(self, cameras: Iterable[Camera]) -> list[Camera]:
-        """Cameras with the near plane that was given, or with their own."""
+        """Return cameras with the given near plane, or with their own."""
         if self.near is None:
             return list(cameras)
         return [replace(camera, near=self.near) for camera in cameras]
 
     def check_unpacked(self, name: str):
-        """InputError for any option with a packed model, which holds what they decide on."""
+        """Raise InputError if an option was given that a packed model has fixed."""
         for option in replace(self, near=None).options:
-            what = "axes" if option.startswith("--axes") else "mark"
-            why = f"a packed model has its own {what}; repack the scene"
+            fixed = "axes" if option.startswith("--axes") else "mark"
+            why = f"a packed model has its own {fixed}; repack the scene"
             raise InputError(f"{option}: {name}: {why}: splatcore pack SCENE {option} -o MODEL")
 
 
 AS_STATED = Reading()
-"""Everything as the file states it."""
+"""No options: everything as in the file."""
+
+
+def choices(names: Iterable[str]) -> str:
+    """Return names as "a, b or c"."""
+    *first, last = names
+    return f"{', '.join(first)} or {last}" if first else last

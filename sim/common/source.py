@@ -1,5 +1,5 @@
-"""Scenes, models and cameras: the arguments SCENE, --camera, --size and --engine, the folder of
-scenes, and views of a scene by the cameras beside its file."""
+"""Scenes, models and cameras: the arguments SCENE, --camera, --cameras, --size and --engine, the
+folder of scenes, and views of a scene."""
 
 import os
 import re
@@ -14,7 +14,7 @@ from splatcore.model.formats.model_file import is_packed, read_model
 from splatcore.model.formats.read import check_axes, find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.common import notes
-from splatcore.sim.common.reading import ANTIALIASED, AS_STATED, Reading
+from splatcore.sim.common.reading import ANTIALIASED, AS_STATED, Reading, choices
 from splatcore.sim.common.size import pictured, shape_of
 from splatcore.sim.common.unseen import axes_note, near_note
 from splatcore.spec.binning import fits, groups_max
@@ -31,27 +31,30 @@ ENGINES = ("reference", "golden", "rtl")
 VIEW_SIZE = (1920, 1080)  # pixels of a view that no camera file defines
 
 VARIABLE, FOLDER = "SPLATCORE_SCENES", "../shared/scenes"
-"""The environment's variable that names the folder of scenes, and the folder without it."""
+"""The environment variable that names the folder of scenes, and its default."""
 
-SUFFIXES = (".ply", ".spz", ".splat", ".sog")  # files of that folder that are scenes
+SUFFIXES = (".ply", ".spz", ".splat", ".sog")  # of scene files in that folder
 
 CAMERAS, IN_FOLDER = ".cameras.json", "cameras.json"
-"""Ends of the files of cameras beside scene files; the one in a folder that is a scene."""
+"""Suffix of a camera file next to a scene file; name of the camera file in a scene's folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A scene file, a packed model or a generated scene; exactly one of the first two is set.
+    """An opened scene or packed model: exactly one of `scene` and `model` is set.
 
-    reading: the options it was read with, which the scene has already. notes: lines on what is odd
-    in it, and in what cameras see of it.
+    name: its file, or the name of a generated scene
+    camera: own camera of a generated scene, or the first in a scene's folder
+    packed: packed models, for `sim.packing`
+    reading: the options it was read with, already applied to the scene
+    notes: lines on unusual contents, and on views that show little
     """
 
     name: str
     scene: Scene | None = None
     model: PackedModel | None = None
-    camera: Camera | None = None  # a generated scene's own, the first of a folder's
-    packed: dict = field(default_factory=dict)  # for `sim.packing`
+    camera: Camera | None = None
+    packed: dict = field(default_factory=dict)
     reading: Reading = AS_STATED
     notes: list[str] = field(default_factory=list)
 
@@ -59,18 +62,18 @@ class Source:
         """Add a note, and print it once."""
         if line and line not in self.notes:
             self.notes.append(line)
-            notes.tell(f"{self.name}: {line}")
+            notes.add(f"{self.name}: {line}")
 
     def seen_by(self, *cameras: Camera):
-        """Note cameras that show little, as if the file's axes were others, and what only a smaller
-        near plane shows."""
+        """Add notes on cameras that see little, as with wrong axes, and on Gaussians that only a
+        smaller near plane would show."""
         if self.scene:
             self.note(axes_note(self.scene, cameras))
         self.note(near_note(self, cameras))
 
     @property
     def unpacked(self) -> Scene:
-        """The scene; InputError for a packed model."""
+        """The scene; raises InputError for a packed model."""
         if self.scene is None:
             raise InputError(f"{self.name}: is a packed model already, not a scene")
         return self.scene
@@ -82,8 +85,7 @@ class Source:
 
     @property
     def stated(self) -> dict[str, bool | str | list[str] | float]:
-        """Whether opacities are compensated, what says so, notes, and the near plane, as `--json`
-        writes them."""
+        """Facts for `--json`: opacity compensation and its reason, notes, and the near plane."""
         if self.scene is None:
             antialiased, by = self.model.antialiased, "model's header"
         else:
@@ -93,17 +95,17 @@ class Source:
 
 
 def open_source(text: str, reading: Reading = AS_STATED) -> Source:
-    """The scene or model that a file (or the name of a generated scene) holds; its notes are told.
+    """Open a scene or model by its file, folder or generated name, and print its notes.
 
-    InputError for options of `reading` that do not go with it.
+    Raises InputError for options of `reading` that do not apply to it.
     """
     if text in GENERATORS and not os.path.exists(text):
         check_source(text, reading)
         source = Source(text, scene=generate(text), camera=generated_camera(text))
     elif os.path.isdir(text):
-        beside = camera_beside(text)
+        cameras = camera_beside(text)
         scene = read_scene(text, reading.axes)
-        source = Source(text, scene, camera=read_camera(beside) if beside else None)
+        source = Source(text, scene, camera=read_camera(cameras) if cameras else None)
     elif is_packed(text):
         reading.check_unpacked(text)
         source = Source(text, model=read_model(text))
@@ -118,10 +120,10 @@ def open_source(text: str, reading: Reading = AS_STATED) -> Source:
 
 
 def check_source(text: str, reading: Reading = AS_STATED):
-    """InputError for what `open_source` cannot open; the file's end is not looked at."""
+    """Raise InputError for a file that `open_source` cannot open, judged by its beginning."""
     if text in GENERATORS and not os.path.exists(text):
         if reading.axes:
-            raise InputError(f"--axes {reading.axes}: {text} is generated, in axes of its own")
+            raise InputError(f"--axes {reading.axes}: {text} is generated, with axes of its own")
     elif os.path.isdir(text) or not is_packed(text):
         find_format(text)
         check_axes(text, reading.axes)
@@ -130,13 +132,13 @@ def check_source(text: str, reading: Reading = AS_STATED):
 
 
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """The camera of `own_camera`, with the pixels of its picture."""
+    """Return the camera of `own_camera`, resized to its picture."""
     camera = own_camera(text, size, source)
     return pictured([camera], size, split_id(text)[0] if text else source.name)[0]
 
 
 def own_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """The camera of FILE[:ID], else the scene's own, both of any size, else a sensible view."""
+    """Return the camera of FILE[:ID], else the scene's own, else a generated view; not resized."""
     shape = shape_of(size)
     if text:
         camera = read_camera(text, shape)
@@ -148,7 +150,7 @@ def own_camera(text: str | None, size: str | None, source: Source) -> Camera:
 def open_cameras(
     camera: str | None, cameras: str | None, size: str | None, source: Source
 ) -> list[Camera]:
-    """The camera of --camera, else those of --cameras as `open_path` has them; resized."""
+    """Return the cameras of --cameras (see `open_path`), else the one of --camera; resized."""
     check_one(camera, cameras)
     if cameras:
         found = source.reading.seen(open_path(cameras, size, source.name))
@@ -159,13 +161,13 @@ def open_cameras(
 
 
 def check_one(camera: str | None, cameras: str | None):
-    """InputError if both options are given."""
+    """Raise InputError if both options are given."""
     if camera and cameras:
-        raise InputError("--camera and --cameras: one of them, not both")
+        raise InputError("use --camera or --cameras, not both")
 
 
 def open_path(cameras: str, size: str | None, scene: str) -> list[Camera]:
-    """All cameras of FILE, those of FILE:ID,ID,…, or those of ID,ID,… in the file beside a scene;
+    """Return cameras of FILE (all), FILE:ID,ID,… or ID,ID,… (of the camera file next to the scene),
     resized."""
     (path, ids), shape = split_id(cameras), shape_of(size)
     if os.path.exists(path):
@@ -176,7 +178,8 @@ def open_path(cameras: str, size: str | None, scene: str) -> list[Camera]:
         except InputError as error:
             raise InputError(f"--cameras {cameras}: no such file; {error}") from None
     else:
-        raise InputError(f"--cameras {cameras}: no such file; {scene} has none of cameras beside")
+        name = Path(scene).with_suffix(CAMERAS).name
+        raise InputError(f"--cameras {cameras}: no such file, and {scene} has no {name} next to it")
     return pictured(found, size, path)
 
 
@@ -185,42 +188,46 @@ def _ids(text: str) -> list[str]:
 
 
 def check_fits(config: Config, width: int, height: int):
-    """InputError for a picture that is too large for a machine."""
+    """Raise InputError for a picture that is too large for a machine."""
     if not fits(config, width, height):
         side = TILE * config.group
-        most = f"{groups_max(config)} squares of {side}x{side}"
+        squares = f"{groups_max(config)} squares of {side}x{side}"
         raise InputError(
             f"picture of {width}x{height}: preset {config.name} renders up to {config.width_max}x"
-            f"{config.height_max}, or {most} of any shape, {config.side_max} a side (see --size)"
+            f"{config.height_max}, or any shape of at most {squares} and {config.side_max} pixels "
+            "per side (see --size)"
         )
 
 
 def check_known(option: str, known: Collection[str], *names: str):
-    """InputError for the first of an option's names that is not known."""
+    """Raise InputError for the first of an option's names that is not known."""
     for name in names:
         if name not in known:
-            raise InputError(f"{option} '{name}': unknown (there are {', '.join(known)})")
+            raise InputError(f"{option} '{name}': unknown; choose {choices(known)}")
 
 
 def scene_folder() -> Path:
-    """The folder of scenes; it need not be there."""
+    """Return the folder of scenes, which need not exist."""
     return Path(os.environ.get(VARIABLE, FOLDER))
 
 
 def scene_files(folder: Path | None = None) -> list[Path]:
-    """The scenes of a folder, of the usual one without; InputError if there is no such folder."""
+    """Return the scenes of a folder, by default the folder of scenes.
+
+    Raises InputError if the folder does not exist.
+    """
     folder = scene_folder() if folder is None else folder
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder; name a SCENE or set {VARIABLE}")
+        raise InputError(f"{folder}: folder does not exist; name a SCENE or set {VARIABLE}")
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
 
 
 def camera_beside(source: str | Path) -> str | None:
-    """The file of cameras of a scene file: the longest NAME.cameras.json whose NAME begins its.
+    """Return the camera file of a scene file: the longest NAME.cameras.json next to it.
 
-    NAME ends where the file's own does or before a character that is no letter and no digit:
-    leica-sofort.cameras.json goes with leica-sofort-top8192.ply. Of a folder as INRIA's training
-    leaves it: cameras.json in it.
+    The scene's name must begin with NAME, up to a character that is neither letter nor digit:
+    leica-sofort.cameras.json belongs to leica-sofort-top8192.ply. For a folder (an output of
+    INRIA's training): cameras.json in it.
     """
     source = Path(source)
     if source.is_dir():
@@ -238,10 +245,12 @@ def camera_beside(source: str | Path) -> str | None:
 class View:
     """A scene seen by one of its cameras.
 
-    scene: a file or the name of a generated scene. camera: an ID in the file of cameras beside it;
-    "": the first one there, else a sensible view. size: WxH; None: the camera's own. file: cameras
-    as --camera takes them, instead of those beside. quality: how the scene is packed; None: as
-    small as is good enough. reading: how the scene is read.
+    scene: a file or the name of a generated scene
+    camera: ID in the camera file next to the scene; "": the first camera, else a generated view
+    size: WxH; None: the camera's own
+    file: value of --camera, instead of the file next to the scene
+    quality: packing; None: the smallest that is good enough
+    reading: how the scene is read
     """
 
     scene: str
@@ -253,26 +262,26 @@ class View:
 
     @property
     def name(self) -> str:
-        """Stands for all that decides on the picture but the size: results are kept by it."""
+        """A key of everything that decides on the picture except the size; names its results."""
         name = Path(self.scene).name + (f":{self.camera}" if self.camera else "")
         words = name, self.quality, *self.reading.options
         return " ".join(word for word in words if word)
 
     @cached_property
     def camera_text(self) -> str | None:
-        """The --camera that it stands for."""
-        beside = self.file or camera_beside(self.scene)
-        if self.camera and beside is None:
-            raise InputError(f"--cameras {self.camera}: {self.scene} has no file of cameras")
-        return f"{beside}:{self.camera}" if self.camera else beside
+        """The equivalent value of --camera; None: no camera file."""
+        path = self.file or camera_beside(self.scene)
+        if self.camera and path is None:
+            raise InputError(f"--cameras {self.camera}: {self.scene} has no camera file")
+        return f"{path}:{self.camera}" if self.camera else path
 
     def camera_of(self, source: Source) -> Camera:
-        """Its camera, in pixels of its size."""
+        """Return its camera, resized to its size."""
         camera = open_camera(self.camera_text, self.size, source)
         source.seen_by(camera)
         return camera
 
     def open(self) -> tuple[Source, Camera]:
-        """The scene and its camera."""
+        """Open the scene; return it and the camera."""
         source = open_source(self.scene, self.reading)
         return source, self.camera_of(source)

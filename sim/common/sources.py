@@ -1,4 +1,4 @@
-"""The code that a result comes from: a function's module and all that it imports of Splatcore."""
+"""The code behind a result: a function's module and everything that it imports of Splatcore."""
 
 import ast
 import hashlib
@@ -14,14 +14,14 @@ ROOT = Path(__file__).parents[2]  # the folder of the package's rooms
 
 @cache
 def code_key(source: Callable | ModuleType) -> str:
-    """A key for all code that a function or module depends on, to be part of its results' keys."""
+    """Return a key of all code that a function or module depends on, for the keys of results."""
     return files_key(Path(inspect.getsourcefile(source)))
 
 
 def files_key(path: Path, root: Path = ROOT) -> str:
-    """The hash of the files of a `closure`.
+    """Return a hash of the files of a `closure`.
 
-    It changes with a comment, too: a result is measured again rather than kept by mistake.
+    Comments count, too: better measure a result again than keep a wrong one.
     """
     text = hashlib.sha256()
     for file in sorted(closure(path, root)):
@@ -30,10 +30,11 @@ def files_key(path: Path, root: Path = ROOT) -> str:
 
 
 def closure(path: Path, root: Path = ROOT) -> set[Path]:
-    """A Python file and what it imports of the package, directly and through others.
+    """Return a Python file and all files of the package that it imports, directly or indirectly.
 
-    With a module come the `__init__.py` of its packages, and of the last one all files that are no
-    Python, as it may read them. root: the folder of the package's rooms.
+    Includes the `__init__.py` of each package, and the non-Python files next to each module, which
+    it may read.
+    root: the folder of the package's rooms
     """
     found, waiting = set(), [path]
     while waiting:
@@ -51,7 +52,7 @@ def closure(path: Path, root: Path = ROOT) -> set[Path]:
 
 
 def imported(path: Path, root: Path) -> Iterator[Path]:
-    """Files of the modules that a Python file imports of the package, at any depth of its text."""
+    """Yield the files of the package's modules that a Python file imports, at any depth."""
     for name in import_names(path.read_text()):
         if name.startswith(f"{PACKAGE}."):
             module = root.joinpath(*name.split(".")[1:])
@@ -61,7 +62,7 @@ def imported(path: Path, root: Path) -> Iterator[Path]:
 
 @cache
 def import_names(text: str) -> list[str]:
-    """Names that a Python text imports: modules, and what may be a module or a name in one."""
+    """Return the names that a Python text imports: modules, and names in modules."""
     names = []
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):

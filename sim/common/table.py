@@ -1,4 +1,4 @@
-"""Tables on the terminal, names on the left, numbers on the right; in Markdown and as CSV."""
+"""Tables: on the terminal, in Markdown, and as CSV."""
 
 import csv
 import io
@@ -11,13 +11,18 @@ from rich.table import Table
 
 from splatcore.sim.common.output import console
 
-WIDEST = 1000  # more columns than a table has
+WIDEST = 1000  # characters, more than any table needs
 
 
 def new_table(
     first: str, headings: Iterable[str], title: str | None = None, texts: Iterable[str] = ()
 ) -> Table:
-    """A table of a column of names, columns of numbers and, behind them, columns of text."""
+    """Return a table with one column of names, then columns of numbers, then columns of text.
+
+    first: heading of the names
+    headings: of the numbers
+    texts: headings of the texts
+    """
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     table.add_column(first, no_wrap=True)
     for text in headings:
@@ -28,18 +33,18 @@ def new_table(
 
 
 def shown(value: float | None, form: str, scale: float = 1, none: str = "–") -> str:
-    """A number in a table, divided by `scale`; `none` where there is none."""
+    """Format a number divided by `scale`; return `none` for None."""
     return none if value is None else format(value / scale, form)
 
 
 def print_whole(table: Table):
-    """Print a table as wide as it is, on any terminal."""
+    """Print a table at its full width, on any terminal."""
     room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
     Console(width=room).print(table)
 
 
 def in_markdown(titles: Sequence[str], rows: Sequence[dict]) -> str:
-    """A table in Markdown: a title in front of each row, whose keys are the headings."""
+    """Return a table in Markdown: one title per row, headings from the keys."""
     if not rows:
         return "none"
     names = list(rows[0])
@@ -52,7 +57,7 @@ def in_markdown(titles: Sequence[str], rows: Sequence[dict]) -> str:
 
 
 def comma_separated(rows: Sequence[dict]) -> str:
-    """Rows as CSV: a column for each key that occurs, empty where a row lacks it or has None."""
+    """Return rows as CSV, one column per key that occurs; empty if missing or None."""
     text, names = io.StringIO(), dict.fromkeys(name for row in rows for name in row)
     writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
     writer.writeheader()

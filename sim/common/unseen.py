@@ -1,5 +1,5 @@
-"""Notes about what a camera does not show: nothing at all, Gaussians before its near plane, most of
-a file that has other axes than assumed."""
+"""Notes about cameras that see nothing, have Gaussians before the near plane, or see so little that
+the file's axes may be others than assumed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,25 +17,27 @@ if TYPE_CHECKING:
     from splatcore.sim.common.source import Source
 
 FEW = 0.1
-"""Share of what the other axes show below which a camera's view suggests them."""
+"""With PLY's axes a camera sees more than 1/FEW times as many Gaussians: a note suggests them."""
 
 NEAREST = 0.01
 """The near plane of gsplat and most viewers (scene units)."""
 
 
 def note_empty(source: "Source", camera: Camera, counts: dict):
-    """Print a line if no Gaussian is counted in a picture: the reference's "visible", a machine's
-    "splats"."""
+    """Add a note if a picture shows no Gaussian.
+
+    counts: of the picture, with "visible" (reference) or "splats" (machine)
+    """
     if counts.get("visible", counts.get("splats")):
         return
     text = f"no Gaussian is visible from camera{_name(camera)} at {_point(camera.position)}"
     text = f"{text} with near plane {camera.near:g}{_extent(source)}"
-    notes.tell(f"{source.name}: {text}")
+    notes.add(f"{source.name}: {text}")
 
 
 def near_note(source: "Source", cameras: Sequence[Camera]) -> str:
-    """A note about the camera for which a near plane of `NEAREST` would show the most; empty if it
-    would show no more."""
+    """Return a note about the camera that would gain the most Gaussians with a near plane of
+    `NEAREST`; empty if none would gain any."""
     counts = [before_near(source, camera) for camera in cameras]
     if not any(counts):
         return ""
@@ -48,7 +50,7 @@ def near_note(source: "Source", cameras: Sequence[Camera]) -> str:
 
 
 def before_near(source: "Source", camera: Camera) -> int:
-    """Gaussians that touch a picture with a near plane of `NEAREST` and lie before the camera's."""
+    """Count the Gaussians before a camera's near plane that a near plane of `NEAREST` shows."""
     from splatcore.golden.reference import project
 
     position = _position(source)
@@ -63,8 +65,8 @@ def before_near(source: "Source", camera: Camera) -> int:
 
 
 def axes_note(scene: Scene, cameras: Sequence[Camera]) -> str:
-    """A note about the first camera that sees less than `FEW` of the centres that it saw if a
-    file's assumed axes were PLY's; empty if none does. Costs nothing unless axes were assumed."""
+    """Return a note about the first camera that would see more than 1/`FEW` times as many centres
+    with PLY's axes instead of the assumed ones; empty if none. Free unless axes were assumed."""
     if not scene.assumed_axes:
         return ""
     other = replace(scene, position=scene.position @ matrix(scene.assumed_axes))
@@ -79,13 +81,13 @@ def axes_note(scene: Scene, cameras: Sequence[Camera]) -> str:
 
 
 def _extent(source: "Source") -> str:
-    """Where most of a scene is, if it has Gaussians."""
+    """Return where most of a scene is, as text; empty without Gaussians."""
     position = _position(source)
     position = position[np.isfinite(position).all(1)]
     if not len(position):
         return ""
     low, high = (_point(np.percentile(position, percent, axis=0)) for percent in (1, 99))
-    return f"; 98 % of the scene's Gaussians lie between {low} and {high}"
+    return f"; 98 % of the scene's Gaussians are between {low} and {high}"
 
 
 def _position(source: "Source") -> np.ndarray:
@@ -97,7 +99,7 @@ def _point(place: np.ndarray) -> str:
 
 
 def _likewise(count: int) -> str:
-    """How many cameras a note is about beside the one that it names."""
+    """Return how many further cameras a note applies to, as text."""
     return f" ({count} other camera{'s' * (count > 1)} likewise)" if count else ""
 
 

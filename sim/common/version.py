@@ -1,4 +1,4 @@
-"""The version that makes a result: the package's, and in a checkout the commit's."""
+"""The version that makes a result: the package's and, in a checkout, the commit."""
 
 import subprocess
 from functools import cache
@@ -11,7 +11,7 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 
 @cache
 def version() -> str:
-    """`0.1.0, commit 1a2b3c4d5e`; -dirty where files differ from it; the package's without git."""
+    """Return `0.1.0, commit 1a2b3c4d5e`, with -dirty if files differ; without git `0.1.0`."""
     try:
         package = of_package("splatcore")
     except PackageNotFoundError:  # a folder of sources that is not installed

@@ -18,17 +18,20 @@ LIMITED = 1  # code of levels 16 … 235
 
 
 def check_encoder():
-    """InputError unless PyAV is installed."""
+    """Raise InputError unless PyAV is installed."""
     if find_spec("av") is None:
-        raise InputError("--video: needs PyAV; install it by pip install 'splatcore[video]'")
+        raise InputError("--video: needs PyAV: pip install 'splatcore[video]'")
 
 
 @contextmanager
 def video(path: Path, rate: int) -> Iterator[Callable[[np.ndarray], None]]:
-    """Yields what takes the frames, all of one size; they make a file at the end, a failure none.
+    """Yield a function that adds frames, uint8 [H, W, 3], all of one size; write the file at the
+    end, or none after a failure.
 
-    rate: frames a second. Colours have half the resolution, as all players want them, and odd sides
-    a further row or column, the last one's double.
+    rate: frames per second
+
+    Colours have half the resolution (yuv420p), which all players support; odd sides are padded by
+    repeating the last row or column.
     """
     import av
 

@@ -1,4 +1,4 @@
-"""What `import splatcore` gives to Python programs: arrays in, arrays out, nothing printed.
+"""The Python API of `import splatcore`: arrays in, arrays out, nothing printed.
 
 May import: spec, model, golden, sim.common, sim.cycles, sim.packing.
 """

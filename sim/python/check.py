@@ -1,4 +1,4 @@
-"""Checks of what a Python program hands in; each InputError names the argument."""
+"""Checks of arguments of the Python API; each InputError names the argument."""
 
 from collections.abc import Sequence
 
@@ -12,26 +12,29 @@ from splatcore.spec.preset import check_buildable, find_preset
 from splatcore.spec.scene import Scene
 
 ROTATION_TOLERANCE = 1e-2
-"""Largest entry of R·Rᵀ − 1 at which a matrix still counts as a rotation."""
+"""Largest entry of |R·Rᵀ − 1| at which a matrix still counts as a rotation."""
 
 
 def array(name: str, value: object, shape: tuple[int | None, ...]) -> np.ndarray:
-    """A copy as finite float64 of that shape, None for any length; InputError for anything else."""
+    """Return a copy as float64; raise InputError for another shape, NaN or Inf.
+
+    shape: required lengths; None: any length
+    """
     try:
         found = np.array(value, np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name}: is no array of numbers") from None
+        raise InputError(f"{name}: is not an array of numbers") from None
     fits = zip(found.shape, shape, strict=False)
     if found.ndim != len(shape) or any(want not in (None, have) for have, want in fits):
         wanted = ", ".join("N" if n is None else str(n) for n in shape)
         raise InputError(f"{name}: has shape {found.shape}, not ({wanted})")
     if wrong := np.count_nonzero(~np.isfinite(found)):
-        raise InputError(f"{name}: of {found.size} values are NaN or infinite: {wrong}")
+        raise InputError(f"{name}: {wrong} of {found.size} values are NaN or infinite")
     return found
 
 
 def within(name: str, values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """The same values; InputError if one is not in low … high."""
+    """Return the values; raise InputError if one is not in low … high."""
     if ((values < low) | (values > high)).any():
         wrong = values[(values < low) | (values > high)].flat[0]
         raise InputError(f"{name}: {wrong:g} is not in {low:g} … {high:g}")
@@ -39,7 +42,7 @@ def within(name: str, values: np.ndarray, low: float, high: float) -> np.ndarray
 
 
 def kind(name: str, value: object, *kinds: type) -> object:
-    """The value; InputError unless it is of one of these classes."""
+    """Return the value; raise InputError unless it is of one of these classes."""
     if not isinstance(value, kinds):
         wanted = " or ".join(each.__name__ for each in kinds)
         raise InputError(f"{name}: is of type {type(value).__name__}, not {wanted}")
@@ -47,14 +50,15 @@ def kind(name: str, value: object, *kinds: type) -> object:
 
 
 def machine(config: Config | str) -> Config:
-    """A machine, also by the name of its preset; InputError for one that cannot be built."""
+    """Return a machine, given as such or by its preset's name; raise InputError for an impossible
+    one."""
     found = find_preset(config) if isinstance(config, str) else kind("config", config, Config, str)
     check_buildable(found)
     return found
 
 
 def view(camera: Camera) -> Camera:
-    """A camera; InputError if its rotation is none or its size is no picture's."""
+    """Return the camera; raise InputError for a wrong rotation or size."""
     kind("camera", camera, Camera)
     for name in ("width", "height"):
         side = kind(f"camera: {name}", getattr(camera, name), int, np.integer)
@@ -62,16 +66,16 @@ def view(camera: Camera) -> Camera:
     rotation = camera.rotation
     error = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if not (error <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0):
-        raise InputError("camera: rotation is no rotation matrix")
+        raise InputError("camera: rotation is not a rotation matrix")
     return camera
 
 
 def colour(name: str, value: Sequence[float]) -> tuple[float, float, float]:
-    """Red, green and blue, each 0 … 1."""
+    """Return red, green and blue; raise InputError unless each is in 0 … 1."""
     red, green, blue = within(name, array(name, value, (3,)), 0, 1)
     return float(red), float(green), float(blue)
 
 
 def shown(scene: Scene | PackedModel) -> Scene | PackedModel:
-    """What a renderer can draw."""
+    """Return the scene or model; raise InputError for anything else."""
     return kind("scene", scene, Scene, PackedModel)

@@ -1,4 +1,4 @@
-"""Files of pictures, models and scenes that Python programs write."""
+"""Writing pictures, models and scenes from Python programs."""
 
 import os
 from pathlib import Path
@@ -16,24 +16,28 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 SUFFIXES = {np.ndarray: ".png", PackedModel: ".splatcore", Scene: ".ply"}
-"""Ends of files by what they hold."""
+"""File suffixes by content."""
 
 
 def write(path: str | os.PathLike, thing: np.ndarray | PackedModel | Scene, plain: bool = False):
-    """Write a picture (.png), a packed model (.splatcore) or a scene (3DGS .ply) as a whole file.
+    """Write a picture, a packed model or a scene.
 
-    A model's file is coded, `plain`: the bytes of memory as they are, for what loads them itself.
-    A picture [H, W, 3] is uint8, or float with 1 for white, clipped and rounded to 8 bits. A file
-    that is there is replaced, but not the one that a scene or model was read from. InputError,
-    naming the file, for another end, a folder that is not there, and what cannot be written.
+    path: must end in .png, .splatcore or .ply (3DGS), respectively
+    thing: the picture [H, W, 3] (uint8, or float with 1 for white, clipped and rounded to 8 bits),
+        model or scene
+    plain: write the plain bytes of DRAM instead of a coded file; for models only
+
+    The file is written as a whole or not at all; an existing one is replaced, except the file that
+    the scene or model was read from. Raises InputError, naming the file, for a wrong suffix, a
+    folder that does not exist, or a file that cannot be written.
     """
     path = Path(check.kind("path", path, str, os.PathLike))
     check.kind("thing", thing, *SUFFIXES)
     suffix = next(end for kind, end in SUFFIXES.items() if isinstance(thing, kind))
     if path.suffix.lower() != suffix:
-        raise InputError(f"{path}: does not end with {suffix}, as files of its content do")
+        raise InputError(f"{path}: must end in {suffix}")
     if plain and suffix != SUFFIXES[PackedModel]:
-        raise InputError("plain: is for packed models")
+        raise InputError("plain: is for packed models only")
     output.check_writable(path)
     if isinstance(thing, np.ndarray):
         return write_png(path, pixels("thing", thing))

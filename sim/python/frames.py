@@ -31,14 +31,17 @@ def pack(
     cameras: Sequence[Camera] = (),
     config: Config | str = DEFAULT,
 ) -> tuple[PackedModel, PackReport]:
-    """A scene as the model that a machine reads, and a report on what that lost.
+    """Pack a scene into a model for a machine.
 
-    quality: one of `QUALITIES`, at most 14, 22, 38 or 54 bytes a Gaussian. None: with
-    cameras the smallest whose picture is 45 dB or more from the scene's in each of them, as the
-    commands choose it; without cameras the best. The model has `bytes_per_gaussian`, its length is
-    the number of Gaussians, `image` its bytes (uint8). The report counts Gaussians that were
-    dropped (not_finite, transparent: opacity below 1/255) and has the largest errors. InputError
-    for an unknown quality, and for a scene that the machine's formats cannot hold.
+    quality: one of `QUALITIES` (at most 14, 22, 38 or 54 bytes per Gaussian); None: the smallest
+        with at least 45 dB in all cameras, as in the commands, or without cameras the best
+    cameras: views in which the quality is judged
+    config: the machine, or a preset's name
+
+    Returns the model and a report on the losses. The model's length is its number of Gaussians,
+    `image` its bytes (uint8), `bytes_per_gaussian` its size. The report has the largest errors and
+    the number of dropped Gaussians (not_finite; transparent: opacity below 1/255).
+    Raises InputError for an unknown quality, and for a scene that the formats cannot hold.
     """
     check.kind("scene", scene, Scene)
     config = check.machine(config)
@@ -54,10 +57,12 @@ def pack(
 def render_reference(
     scene: Scene | PackedModel, camera: Camera, background: Colour = (0, 0, 0)
 ) -> np.ndarray:
-    """The float64 reference's picture of a scene or model, float64 [H, W, 3].
+    """Render a scene or model by the float64 reference.
 
-    RGB ≥ 0, where 1 is white; brighter is not clipped. background: RGB, each 0 … 1. Gaussians with
-    NaN or Inf are left out. InputError names the argument that is wrong.
+    background: RGB, each 0 … 1
+
+    Returns float64 [H, W, 3], RGB ≥ 0 with 1 for white, not clipped above. Gaussians with NaN or
+    Inf are left out. Raises InputError, naming the wrong argument.
     """
     convention = replace(SPLATCORE, background=check.colour("background", background))
     return reference.render(check.shown(scene).gaussians(), check.view(camera), convention).image
@@ -69,10 +74,13 @@ def render_golden(
     config: Config | str = DEFAULT,
     background: Colour = (0, 0, 0),
 ) -> np.ndarray:
-    """The picture that a machine makes of a model, uint8 [H, W, 3], every bit of it.
+    """Render a model as a machine does, to the bit, by the golden model.
 
-    It is the golden model's, which the RTL equals bit for bit. background: RGB, each 0 … 1.
-    InputError for a picture too large for the machine, and for a model packed for another one.
+    config: the machine, or a preset's name
+    background: RGB, each 0 … 1
+
+    Returns uint8 [H, W, 3]. Raises InputError for a picture too large for the machine, and for a
+    model packed for another machine.
     """
     return _frame(model, camera, check.machine(config), background).pixels
 
@@ -80,12 +88,15 @@ def render_golden(
 def cycles(
     model: PackedModel, camera: Camera, config: Config | str = DEFAULT
 ) -> dict[str, int | float]:
-    """Clock cycles of a picture by stage, by the cycle model: within 3 % of the RTL for each stage.
+    """Estimate the clock cycles of a picture by the cycle model, within 3 % of the RTL per stage.
 
-    Keys: chunk, cull, place, project, bin, sort, raster, each stage by itself; preprocessing and
-    rendering, the halves that work at once, with memory's latency; frame, the slower of them; fps,
-    frames a second at 800 MHz. The golden model renders the picture for it. Errors are those of
-    `render_golden`.
+    Renders the picture by the golden model; raises InputError as `render_golden`.
+
+    Keys of the result:
+        chunk, cull, place, project, bin, sort, raster: cycles of each stage alone
+        preprocessing, rendering: cycles of the two halves, which overlap, with memory latency
+        frame: the slower half
+        fps: frames per second at 800 MHz
     """
     config = check.machine(config)
     found = frame_cycles(config, _frame(model, camera, config, (0, 0, 0)))
@@ -93,11 +104,17 @@ def cycles(
 
 
 def compare(image: np.ndarray, truth: np.ndarray) -> Difference:
-    """How far a picture [H, W, 3] is from another of the same size, both as 8-bit pictures.
+    """Compare a picture [H, W, 3] with another of the same size.
 
-    Each is uint8, or float with 1 for white, which is clipped and rounded to 8 bits first. The
-    result has psnr_db (None for equal pictures), ssim (None below 11 pixels a side), max_error of
-    one channel of one pixel (0 … 1), and identical. InputError for other shapes and for NaN.
+    Both are uint8, or float with 1 for white, clipped and rounded to 8 bits.
+
+    Fields of the result:
+        psnr_db: None for equal pictures
+        ssim: None if a side is below 11 pixels
+        max_error: of one channel of one pixel, 0 … 1
+        identical: True for equal pictures
+
+    Raises InputError for other shapes and for NaN.
     """
     one, other = pixels("image", image), pixels("truth", truth)
     if one.shape != other.shape:
@@ -106,7 +123,7 @@ def compare(image: np.ndarray, truth: np.ndarray) -> Difference:
 
 
 def pixels(name: str, picture: np.ndarray) -> np.ndarray:
-    """A picture as uint8 [H, W, 3]; InputError, naming the argument, for anything else."""
+    """Return a picture as uint8 [H, W, 3]; raise InputError, naming the argument, if it is none."""
     found = np.asarray(picture)
     if found.ndim != 3 or found.shape[2] != 3 or not found.size:
         raise InputError(f"{name}: has shape {found.shape}, not (height, width, 3)")
@@ -121,9 +138,9 @@ def pixels(name: str, picture: np.ndarray) -> np.ndarray:
 def _frame(
     model: PackedModel, camera: Camera, config: Config, background: Colour
 ) -> pipeline.Frame:
-    """The golden model's frame."""
+    """Check the arguments and render the golden model's frame."""
     if isinstance(model, Scene):
-        raise InputError("model: is a Scene; splatcore.pack makes a packed model of it")
+        raise InputError("model: is a Scene; pack it first with splatcore.pack")
     check.kind("model", model, PackedModel)
     check.view(camera)
     check_fits(config, camera.width, camera.height)

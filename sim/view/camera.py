@@ -1,8 +1,8 @@
-"""Cameras of the page and of this project, and where the picture lies in the page.
+"""Conversion between the page's camera and `spec.camera.Camera`, and placement of the picture.
 
-Both have OpenCV axes. A page's camera is given from camera to world, its axis goes through the
-page's middle, its field of view is that of the page's height. A picture of another shape than the
-page is as large as the page allows, in its middle.
+Both cameras have OpenCV axes. The page's camera is a transform from camera to world, its axis goes
+through the middle of the page, and its field of view is vertical. A picture of another shape than
+the page is centred, as large as the page allows.
 """
 
 from dataclasses import dataclass, replace
@@ -17,15 +17,17 @@ from splatcore.spec.config import Config
 Size = tuple[int, int]
 """Width and height in pixels."""
 
-BORDER = 24  # level of the page beside a picture of another shape
+BORDER = 24  # level of the borders around a picture of another shape
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A page's camera.
+    """The camera of a page.
 
-    rotation [3, 3]: camera to world; position [3]; fov: radians from the page's upper edge to its
-    lower one; page: its size.
+    rotation: [3, 3], camera to world
+    position: [3], scene units
+    fov: vertical field of view of the page, radians
+    page: size of the page
     """
 
     rotation: np.ndarray
@@ -34,7 +36,7 @@ class Pose:
     page: Size
 
     def same(self, other: "Pose | None") -> bool:
-        """True if nobody sees a difference."""
+        """Return whether two poses look the same."""
         if other is None or self.page != other.page:
             return False
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
@@ -42,14 +44,14 @@ class Pose:
 
 
 def magnification(size: Size, page: Size) -> float:
-    """Sides of the page's pixels in a side of a picture's pixel."""
+    """Return the side of a picture's pixel, in pixels of the page."""
     return min(page[0] / size[0], page[1] / size[1])
 
 
 def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
-    """What a page shows, as a camera of pictures of a size.
+    """Return the camera of a page's view, for pictures of a size.
 
-    like: fx / fy and the principal point are its own; a page knows neither.
+    like: camera with the ratio fx / fy and the principal point, which a page does not have
     """
     whole = like.resized(*size)
     focal = pose.page[1] / (2 * np.tan(pose.fov / 2) * magnification(size, pose.page))
@@ -61,21 +63,21 @@ def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
 
 
 def pose_of(camera: Camera, page: Size) -> Pose:
-    """The page's camera whose picture a camera takes."""
+    """Return the page's camera with the view of a camera."""
     size = camera.width, camera.height
     fov = 2 * np.arctan(page[1] / (2 * camera.fy * magnification(size, page)))
     return Pose(camera.rotation.T, camera.position, float(fov), page)
 
 
 def up_of(cameras: list[Camera]) -> np.ndarray:
-    """Up [3] of a scene with these cameras: what the page's camera turns about."""
+    """Return the up direction [3] of a scene with these cameras, the page's axis of rotation."""
     return upright(cameras)
 
 
 def level_up(camera: Camera, up: np.ndarray) -> np.ndarray:
-    """The direction [3] nearest to `up` [3] that stands upright in a camera's picture.
+    """Return the direction [3] nearest to `up` [3] that is vertical in a camera's picture.
 
-    A page's camera knows where it looks and an up, not how it is tilted about its axis.
+    A page's camera has a viewing direction and an up direction, no tilt about its axis.
     """
     right, own = camera.rotation[0], -camera.rotation[1]
     found = up - (up @ right) * right
@@ -83,7 +85,7 @@ def level_up(camera: Camera, up: np.ndarray) -> np.ndarray:
 
 
 def framed(pixels: np.ndarray, page: Size) -> np.ndarray:
-    """A picture [H, W, 3] between borders that give it the shape of a page, which stretches it."""
+    """Add borders to a picture [H, W, 3] so that it has the shape of the page."""
     height, width = pixels.shape[:2]
     scale = magnification((width, height), page)
     wide, high = round(page[0] / scale), round(page[1] / scale)
@@ -94,13 +96,13 @@ def framed(pixels: np.ndarray, page: Size) -> np.ndarray:
 
 
 def within(size: Size, most: Size) -> Size:
-    """A size of the same shape, no larger than `most`."""
+    """Return the largest size of the same shape within `most`, at most `size` itself."""
     scale = min(1, most[0] / size[0], most[1] / size[1])
     return max(1, int(size[0] * scale + 1e-9)), max(1, int(size[1] * scale + 1e-9))
 
 
 def fitting(config: Config, size: Size) -> Size:
-    """A size, or the largest of its shape that a machine renders."""
+    """Return the size, or the largest of its shape that a machine renders."""
     width, height = size
     for scale in range(4096, 0, -1):
         width, height = (max(1, side * scale // 4096) for side in size)

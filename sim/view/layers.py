@@ -1,4 +1,4 @@
-"""What the page shows of a view: pictures, error maps, maps of tiles and groups."""
+"""The layers that the page shows of a view: pictures, error maps, maps of tiles and groups."""
 
 import numpy as np
 
@@ -12,13 +12,13 @@ ERROR_MODEL, ERROR_SCENE = "error against the model", "error against the scene"
 TILES, GROUPS = "splats in each tile", "cycles of each group"
 
 LAYERS = (MACHINE, MODEL, SCENE, ERROR_MODEL, ERROR_SCENE, TILES, GROUPS)
-"""Names of what can be shown of a view; `RTL` comes by a button."""
+"""Names of the layers of a view; a button asks for `RTL`."""
 
 RTL = "machine (RTL)"
 
 
 def tile_lengths(config: Config, frame: Frame) -> np.ndarray:
-    """Splats [⌈H/16⌉, ⌈W/16⌉] in each tile's list, by a machine's frame."""
+    """Return the number of splats per tile of a frame, [⌈H/16⌉, ⌈W/16⌉]."""
     height, width = frame.pixels.shape[:2]
     rows, columns = group_grid(config, width, height)
     group, mask = frame.binned.group, frame.binned.entries["mask"].astype(np.int64)
@@ -31,8 +31,8 @@ def tile_lengths(config: Config, frame: Frame) -> np.ndarray:
 
 
 def map_picture(values: np.ndarray, side: int, width: int, height: int) -> np.ndarray:
-    """Values of squares of `side` pixels as a picture [H, W, 3], on a logarithmic scale from 1 to
-    the largest; black where nothing is."""
+    """Draw values of squares of `side` pixels as a picture [H, W, 3], on a logarithmic scale from 1
+    to the maximum; 0 is black."""
     from matplotlib import colormaps
 
     most = max(float(values.max(initial=0)), 2)
@@ -43,14 +43,14 @@ def map_picture(values: np.ndarray, side: int, width: int, height: int) -> np.nd
 
 
 def tile_picture(config: Config, frame: Frame) -> tuple[np.ndarray, str]:
-    """`TILES` and its scale in words."""
+    """Return the picture of layer `TILES` and its scale as text."""
     values = tile_lengths(config, frame)
     height, width = frame.pixels.shape[:2]
     return map_picture(values, TILE, width, height), scale(values, "tile", "splats")
 
 
 def group_picture(config: Config, frame: Frame) -> tuple[np.ndarray, str]:
-    """`GROUPS` and its scale in words."""
+    """Return the picture of layer `GROUPS` and its scale as text."""
     from splatcore.sim.cycles.frame import group_cycles
 
     values = group_cycles(config, frame)
@@ -59,10 +59,13 @@ def group_picture(config: Config, frame: Frame) -> tuple[np.ndarray, str]:
     return picture, scale(values, "group", "cycles")
 
 
-def scale(values: np.ndarray, what: str, unit: str) -> str:
-    """The scale of a map in words: where the largest value is."""
+def scale(values: np.ndarray, square: str, unit: str) -> str:
+    """Return the scale of a map as text, with the position of the maximum.
+
+    square: "tile" or "group"
+    """
     row, column = np.unravel_index(values.argmax(), values.shape)
     return (
         f"violet 1 … yellow {values.max():,.0f} {unit}, logarithmic; "
-        f"most: {what} {column},{row}; mean {values.mean():,.0f}"
+        f"maximum: {square} {column},{row}; mean {values.mean():,.0f}"
     )

@@ -1,4 +1,4 @@
-"""The page: the browser's own picture of the splats, and in its place the machine's at rest."""
+"""The page: the browser draws the splats; once the camera rests, the machine's picture is shown."""
 
 import threading
 from collections.abc import Callable
@@ -28,18 +28,23 @@ from splatcore.spec.config import PRESETS, Config
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.scene import Gaussians
 
-REST = 0.25  # seconds without a movement after which a camera is at rest
+REST = 0.25  # seconds without a movement after which the camera rests
 SIDES = (360, 720, 1080)  # heights of pictures to choose from
-CHOSEN = "as small as is good enough"
-KEPT = "camera.json"  # name of the file of a kept camera
-BEGIN = "where it begins"
+CHOSEN = "smallest that is good enough"
+KEPT = "camera.json"  # file name of a saved camera
+BEGIN = "initial view"
 MOVED = "the camera moves"
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What pages begin with. cameras: those to go to; up [3]: of the scene; mark: the reason why
-    it is antialiased or not; notes: on what is odd in it."""
+    """The initial state of a page.
+
+    cameras: cameras to choose from
+    up: [3], up direction of the scene
+    mark: reason why the scene is antialiased or not
+    notes: lines on unusual contents
+    """
 
     camera: Camera
     cameras: list[Camera]
@@ -52,7 +57,7 @@ class Setting:
 
     @property
     def presets(self) -> dict[str, Config]:
-        """Machines to choose from, the one it begins with among them."""
+        """Machines to choose from, the initial one first."""
         return {self.config.name: self.config} | PRESETS
 
     @property
@@ -65,16 +70,18 @@ class Setting:
 
 
 class Page:
-    """A browser's page: its camera, its switches, and what comes of its requests.
+    """A page in a browser: its camera, its controls, and the answers to its requests.
 
-    client: viser's. worker: serves requests; simulator: makes the worker that simulates, which is
-    slow and goes on while the camera moves.
+    client: viser's handle of the page
+    worker: serves requests for pictures
+    simulator: returns the worker for RTL simulation, which is slow and continues while the camera
+        moves
     """
 
     def __init__(self, client, setting: Setting, worker: Worker, simulator: Callable[[], Worker]):
         self.client, self.setting, self.worker, self.simulator = client, setting, worker, simulator
         self.pose: Pose | None = None  # of the last movement
-        self.asked: Camera | None = None  # what the page shows, or is about to
+        self.asked: Camera | None = None  # of the picture shown or requested
         self._moved, self._closed = threading.Event(), False
         self._splats = client.scene.add_gaussian_splats("/splats", **splats(setting.gaussians))
         self._controls()
@@ -83,12 +90,12 @@ class Page:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def close(self):
-        """Nobody looks any more."""
+        """End: the browser has closed the page."""
         self._closed = True
         self._moved.set()
 
     def go(self, camera: Camera):
-        """Place the page's camera where a camera is."""
+        """Move the page's camera to a camera."""
         pose, handle = pose_of(camera, self._page), self.client.camera
         with self.client.atomic():
             handle.up_direction = level_up(camera, self.setting.up)
@@ -98,7 +105,7 @@ class Page:
         self._turn(pose)
 
     def moved(self):
-        """The camera may have moved: then the browser's own picture is shown until it rests."""
+        """Handle a movement of the camera: show the browser's own drawing until it rests."""
         pose = self._seen()
         if pose.same(self.pose):
             return
@@ -110,7 +117,7 @@ class Page:
         self._turn(pose)
 
     def _turn(self, pose: Pose):
-        """The camera is somewhere else: the machine's picture gives way to the browser's."""
+        """Set a new pose: cancel the request and replace the machine's picture by the browser's."""
         self.pose = pose
         if self.asked is not None:
             self.asked = None
@@ -121,7 +128,10 @@ class Page:
         self._moved.set()
 
     def ask(self, layer: str | None = None):
-        """Ask for what the switches say of where the camera is."""
+        """Request a picture of the current view, as the controls say.
+
+        layer: instead of the selected one
+        """
         config = self.setting.presets[self.preset.value]
         wanted = self.setting.sizes[self.size.value]
         size = fitting(config, wanted)
@@ -136,12 +146,12 @@ class Page:
         self.worker.ask(request, lambda answer: self._answered(request, answer))
 
     def keep(self):
-        """Have the browser keep the camera of the picture as a file that `--camera` reads."""
+        """Download the camera of the picture, as a file for `--camera`."""
         if self.asked is not None:
             self.client.send_file_download(KEPT, cameras_json([self.asked]).encode())
 
     def _watch(self):
-        """Ask as soon as the camera rests, as long as the page is open."""
+        """Request a picture each time the camera comes to rest, until the page is closed."""
         while not self._closed:
             self._moved.wait()
             self._moved.clear()
@@ -156,13 +166,13 @@ class Page:
         if isinstance(answer, Shown):
             if answer.pixels is not None:
                 self._show(answer.pixels)
-            self.facts.content = text.told(answer.facts)
+            self.facts.content = text.facts_text(answer.facts)
             answer = Progress("done", 1.0) if answer.done else None
         if answer:
             self._progress(answer)
 
     def _simulated(self, request: Request, answer: Progress | Shown | Failed):
-        """What came of a simulation; its picture is shown if the camera has not moved since."""
+        """Handle an answer of the simulation; show its picture if the camera has not moved."""
         if self._closed:
             return
         if isinstance(answer, Progress):
@@ -171,7 +181,7 @@ class Page:
         elif isinstance(answer, Failed):
             self.rtl_text.content = f"RTL: {answer.why}"
         else:
-            self.rtl_text.content = text.told_rtl(answer.facts)
+            self.rtl_text.content = text.rtl_text(answer.facts)
             now = self.asked
             if answer.pixels is not None and now is not None and alike(now, request.camera):
                 self._show(answer.pixels)
@@ -191,13 +201,13 @@ class Page:
         return self.client.camera.image_width, self.client.camera.image_height
 
     def _seen(self) -> Pose:
-        """The page's camera as it is."""
+        """Return the current pose of the page's camera."""
         handle = self.client.camera
         turned = Rotation.from_quat(handle.wxyz, scalar_first=True).as_matrix()
         return Pose(turned, np.array(handle.position), float(handle.fov), self._page)
 
     def _controls(self):
-        """The switches, what they say, and what they do."""
+        """Create the controls and connect them."""
         gui, setting = self.client.gui, self.setting
         if setting.gaussians.antialiased:
             gui.add_markdown(text.UNCOMPENSATED.format(setting.mark))
@@ -220,27 +230,27 @@ class Page:
         cameras = {BEGIN: setting.camera} | {camera.name: camera for camera in setting.cameras}
         self.camera = gui.add_dropdown("Camera", tuple(cameras), initial_value=BEGIN)
         self.camera.on_update(lambda _: self.go(cameras[self.camera.value]))
-        keep = gui.add_button("Keep camera", hint="A file that --camera reads")
+        keep = gui.add_button("Save camera", hint="A file for --camera")
         keep.on_click(lambda _: self.keep())
-        rtl = gui.add_button("Simulate in RTL", hint="The hardware itself; minutes")
+        rtl = gui.add_button("Simulate in RTL", hint="The hardware itself; takes minutes")
         rtl.on_click(lambda _: self.ask(layers.RTL))
         self.rtl_text = gui.add_markdown("")
         self.facts = gui.add_markdown("")
 
 
 def alike(one: Camera, other: Camera) -> bool:
-    """True for cameras with equal pictures."""
+    """Return whether two cameras give equal pictures."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in vars(one))
 
 
 def splats(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """What the browser draws: the Gaussians that can be seen, their colours of degree 0 alone."""
+    """Return the arrays that the browser draws: visible Gaussians, with colours of degree 0."""
     with np.errstate(invalid="ignore"):
         seen = gaussians.opacity >= ALPHA_MIN
     seen &= np.isfinite(gaussians.position).all(1) & np.isfinite(gaussians.factor).all((1, 2))
     factor = gaussians.factor[seen]
-    most = np.finfo(np.float16).max  # covariances go to the browser as such
-    covariance = np.clip(factor @ factor.swapaxes(1, 2), -most, most)
+    limit = np.finfo(np.float16).max  # covariances are sent as float16
+    covariance = np.clip(factor @ factor.swapaxes(1, 2), -limit, limit)
     colour = np.clip(gaussians.sh[seen][:, 0] * SH_C0 + 0.5, 0, 1)
     return {
         "centers": gaussians.position[seen].astype(np.float32),

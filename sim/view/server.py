@@ -1,4 +1,4 @@
-"""The server of the page, by viser."""
+"""The server of the page, using viser."""
 
 import io
 import socket
@@ -15,9 +15,9 @@ from splatcore.spec.error import InputError
 
 
 def check_viser(host: str, port: int):
-    """InputError unless viser is installed and can listen there, for which it would wait."""
+    """Raise InputError unless viser is installed and can listen here; viser itself would wait."""
     if find_spec("viser") is None:
-        raise InputError("view: needs viser; install it by pip install 'splatcore[view]'")
+        raise InputError("view: needs viser: pip install 'splatcore[view]'")
     try:
         socket.create_server((host, port)).close()
     except OSError as error:
@@ -28,9 +28,9 @@ def check_viser(host: str, port: int):
 def served(
     source: Source, setting: Setting, host: str, port: int
 ) -> Iterator[tuple[str, dict[int, Page]]]:
-    """Serve pages of a scene; yields the address, and the pages that are open, by viser's number.
+    """Serve pages of a scene; yield the address, and the open pages by viser's client ID.
 
-    All pages share a worker, whose newest request wins, and one that simulates.
+    All pages share one worker, which serves the newest request only, and one for RTL simulation.
     """
     import viser
 
@@ -64,12 +64,12 @@ def served(
 
 
 def quiet():
-    """viser says where it listens, and that it ends, in its own way."""
+    """Suppress viser's own messages."""
     return redirect_stdout(io.StringIO())
 
 
 def begin(server, setting: Setting):
-    """What all pages have: their look, the scene's up and where cameras begin."""
+    """Set what all pages share: the theme, the scene's up direction and the initial camera."""
     server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
     server.gui.main_panel.dock_right()
     server.scene.set_up_direction(tuple(setting.up))

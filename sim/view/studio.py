@@ -1,4 +1,4 @@
-"""Pictures of a scene by requests: the golden machine's, the reference's, maps, numbers."""
+"""Pictures and numbers of a scene, on request: golden model, reference, error maps, RTL."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -15,17 +15,20 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.packed import PackedModel
 
-Tell = Callable[[str, float | None], None]
-"""Called with what begins or goes on, and how much of it is done (0 … 1, None: nobody knows). What
-it raises ends the work."""
+Report = Callable[[str, float | None], None]
+"""Progress callback, called with the current step and the share done (0 … 1; None: unknown). An
+exception that it raises aborts the work."""
 
 GOLDEN = "rendering by the golden model"
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a page wants. quality: how a scene is packed; None: as small as is good enough for the
-    first view that asks. layer: of `layers.LAYERS`, or `layers.RTL`."""
+    """A page's request for a picture.
+
+    quality: packing; None: the smallest that is good enough for the first requested view
+    layer: of `layers.LAYERS`, or `layers.RTL`
+    """
 
     camera: Camera
     config: Config
@@ -35,8 +38,12 @@ class Request:
 
 @dataclass(frozen=True)
 class Shown:
-    """What has come of a request so far. pixels [H, W, 3]: the layer, None before it is there;
-    facts: what `text.told` tells; done: nothing more comes."""
+    """An answer to a request, complete or not.
+
+    pixels: [H, W, 3], the layer; None: not ready yet
+    facts: for `text.facts_text`
+    done: True for the last answer
+    """
 
     pixels: np.ndarray | None
     facts: dict = field(default_factory=dict)
@@ -44,7 +51,7 @@ class Shown:
 
 
 class Studio:
-    """A source with its models, by machine and quality, and all of the last camera's pictures."""
+    """A source with its packed models, by machine and quality, and the last camera's pictures."""
 
     def __init__(self, source: Source):
         self.source = source
@@ -52,17 +59,17 @@ class Studio:
         self._kept: dict[tuple, object] = {}
         self._camera: tuple = ()
 
-    def steps(self, request: Request, tell: Tell) -> Iterator[Shown]:
-        """What comes of a request, each time that there is more to show: the picture, its error
-        against the model, its error against the scene. InputError for what the machine does not
+    def steps(self, request: Request, report: Report) -> Iterator[Shown]:
+        """Yield answers to a request as they get more complete: the picture, its error against the
+        model, its error against the scene. Raises InputError for a view that the machine cannot
         render."""
         camera, config = request.camera, request.config
         check_fits(config, camera.width, camera.height)
         self._begin(camera)
         if request.layer == layers.RTL:
-            yield self._simulated(request, tell)
+            yield self._simulated(request, report)
             return
-        _, quality, frame = self._rendered(request, tell)
+        _, quality, frame = self._rendered(request, report)
         facts = {"preset": config.name, "quality": quality, "size": (camera.width, camera.height)}
         facts |= {"cycles": self._cycles(config, quality, frame), "layer": request.layer}
         pictures = {layers.MACHINE: frame.pixels}
@@ -71,7 +78,7 @@ class Studio:
                 pictures[layer], facts["scale"] = make(config, frame)
         yield Shown(pictures.get(request.layer), facts)
         for truth, (layer, error) in TRUTHS.items():
-            drawn = self._drawn(truth, request, tell)
+            drawn = self._drawn(truth, request, report)
             if drawn is None:
                 continue
             key = "difference", truth, config, quality
@@ -79,7 +86,7 @@ class Studio:
             facts = facts | against({truth: found})
             pictures |= {layer: drawn, error: error_picture(frame.pixels, drawn)}
             yield Shown(pictures.get(request.layer), facts)
-        if self.source.scene is None:  # all that is known of the scene is the model
+        if self.source.scene is None:  # the model stands for the scene
             for other, layer in zip(TRUTHS["scene"], TRUTHS["machine"], strict=True):
                 pictures[other] = pictures[layer]
         yield Shown(pictures.get(request.layer), facts, done=True)
@@ -92,13 +99,14 @@ class Studio:
             self._kept.clear()
 
     def _once(self, key: tuple, make: Callable):
-        """What was made under a key, made now if it was not."""
+        """Return the kept value of a key; make it if there is none."""
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]
 
-    def _model(self, request: Request, tell: Tell) -> tuple[PackedModel, str | None]:
-        """The model and its quality (None: it came packed); a scene is packed once for each."""
+    def _model(self, request: Request, report: Report) -> tuple[PackedModel, str | None]:
+        """Return the model and its quality (None: the source is packed); pack a scene once per
+        machine and quality."""
         if self.source.scene is None:
             return self.source.model, None
         key = packing_key(request.config), request.quality
@@ -107,21 +115,21 @@ class Studio:
             if quality is None:
                 from splatcore.sim.packing.choose import quality_of
 
-                tell("choosing a quality", None)
+                report("choosing a quality", None)
                 quality = quality_of(self.source, request.config, [request.camera])
-            tell(f"packing: {quality}", None)
+            report(f"packing: {quality}", None)
             made = pack(self.source.scene, request.config, quality=quality)[0], quality
             self._models[key] = self._models[key[0], quality] = made
         return self._models[key]
 
     def _rendered(
-        self, request: Request, tell: Tell
+        self, request: Request, report: Report
     ) -> tuple[PackedModel, str | None, pipeline.Frame]:
-        """Model, quality and the golden model's frame, background black."""
-        model, quality = self._model(request, tell)
+        """Return model, quality and the golden model's frame, with a black background."""
+        model, quality = self._model(request, report)
 
         def step(name: str):
-            tell(f"{GOLDEN}: {name}", pipeline.STEPS.index(name) / len(pipeline.STEPS))
+            report(f"{GOLDEN}: {name}", pipeline.STEPS.index(name) / len(pipeline.STEPS))
 
         def make():
             return pipeline.render(request.config, model, request.camera, progress=step)
@@ -129,7 +137,7 @@ class Studio:
         return model, quality, self._once(("golden", request.config, quality), make)
 
     def _cycles(self, config: Config, quality: str | None, frame: pipeline.Frame) -> dict:
-        """Cycles by stage, frames a second, the half and the stage that bind."""
+        """Return cycles by stage, frames per second, and the limiting half and stage."""
         from splatcore.sim.cycles.frame import frame_cycles
 
         found = self._once(("cycles", config, quality), lambda: frame_cycles(config, frame))
@@ -137,9 +145,10 @@ class Studio:
         fps = round(CLOCK_HZ / found.frame, 1)
         return found.by_name | {"fps": fps, "half": half, "stage": stage}
 
-    def _drawn(self, truth: str, request: Request, tell: Tell) -> np.ndarray | None:
-        """The reference's picture of "machine", the model, or of "scene"; None if there is none."""
-        model, quality = self._model(request, tell)
+    def _drawn(self, truth: str, request: Request, report: Report) -> np.ndarray | None:
+        """Return the reference's picture of the model ("machine") or the original scene ("scene");
+        None if the source has no scene."""
+        model, quality = self._model(request, report)
         if truth == "scene" and self.source.scene is None:
             return None
         key = ("machine", request.config, quality) if truth == "machine" else ("scene",)
@@ -147,26 +156,26 @@ class Studio:
         def make():
             shown = model.gaussians() if truth == "machine" else self.source.gaussians
             label = f"rendering the {'model' if truth == 'machine' else truth} by the reference"
-            tell(label, 0.0)
+            report(label, 0.0)
             return reference.render(
-                shown, request.camera, progress=lambda done, total: tell(label, done / total)
+                shown, request.camera, progress=lambda done, total: report(label, done / total)
             ).pixels
 
         return self._once(key, make)
 
-    def _simulated(self, request: Request, tell: Tell) -> Shown:
-        """The picture of the simulated hardware, and whether it is the golden model's."""
+    def _simulated(self, request: Request, report: Report) -> Shown:
+        """Simulate the hardware; return its picture and the comparison with the golden model."""
         from splatcore.sim.machine.diagnosis import diagnose
         from splatcore.sim.machine.machine import Job, Machine
         from splatcore.sim.machine.script import LPDDR4
 
         config = request.config
-        model, quality, frame = self._rendered(request, tell)
-        tell(f"building the machine {config.name}, which takes minutes when it is new", None)
+        model, quality, frame = self._rendered(request, report)
+        report(f"building the machine {config.name}, which takes minutes the first time", None)
         machine = Machine(config)
 
         def advance(cycles: int, written: int, total: int):
-            tell(f"simulating: {cycles:,} cycles", written / total)
+            report(f"simulating: {cycles:,} cycles", written / total)
 
         advance(0, 0, 1)
         run = machine.run([Job(model, request.camera)], LPDDR4, advance)
@@ -184,4 +193,4 @@ TRUTHS = {
     "machine": (layers.MODEL, layers.ERROR_MODEL),
     "scene": (layers.SCENE, layers.ERROR_SCENE),
 }
-"""What the machine's picture is compared with; its own layer, the error map's."""
+"""Comparisons of the machine's picture: the layers of the exact picture and of the error map."""

@@ -1,6 +1,6 @@
-"""A process that works for the page: the newest request wins, whatever is at work ends.
+"""A worker process of the page: a new request cancels the current one.
 
-A process, not a thread: compiled loops hold Python's lock, and the page shall stay live.
+It is a process, not a thread, because compiled loops hold Python's lock and would block the page.
 """
 
 import os
@@ -17,12 +17,12 @@ from splatcore.sim.common.source import open_source
 from splatcore.sim.view.studio import Request, Shown, Studio
 from splatcore.spec.error import InputError
 
-SECONDS = 2.0  # that a process gets to end
+SECONDS = 2.0  # timeout for a process to end
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What is being done, and how much of it is done (0 … 1; None: nobody knows)."""
+    """The current step, and the share done (0 … 1; None: unknown)."""
 
     text: str
     share: float | None
@@ -30,7 +30,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Failed:
-    """Why nothing comes of a request."""
+    """The reason why a request failed."""
 
     why: str
 
@@ -39,13 +39,16 @@ Receive = Callable[[Progress | Shown | Failed], None]
 
 
 class Superseded(Exception):
-    """A newer request is there."""
+    """A newer request has arrived."""
 
 
 class Worker:
-    """A process that holds a scene, and what is asked of it. `ask` and `cancel` come from any
-    thread, answers to the newest request alone, in a thread of the worker's own. scene,
-    reading: as `open_source` takes them."""
+    """A process that serves requests for pictures of a scene.
+
+    `ask` and `cancel` may be called from any thread. Only answers to the newest request are
+    delivered, in a thread of the worker.
+    scene, reading: arguments of `open_source`
+    """
 
     def __init__(self, scene: str, reading: Reading = AS_STATED):
         self._lock, self._newest = threading.Lock(), CONTEXT.Value("q", 0)
@@ -60,7 +63,7 @@ class Worker:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def ask(self, request: Request, receive: Receive):
-        """Have a request served instead of what was asked before."""
+        """Send a request, which replaces the previous one."""
         with self._lock:
             self._newest.value += 1
             self._receive = receive
@@ -70,13 +73,13 @@ class Worker:
                 receive(Failed(GONE))
 
     def cancel(self):
-        """Have no request served."""
+        """Cancel the current request."""
         with self._lock:
             self._newest.value += 1
             self._receive = None
 
     def close(self):
-        """End the process and what it has started."""
+        """End the process and its children."""
         self.cancel()
         if self._process.is_alive():
             _kill(self._process.pid)
@@ -100,15 +103,15 @@ GONE = "the process that renders has ended; start the viewer again"
 
 
 def _kill(pid: int):
-    """End a process with all of its group."""
+    """End a process and its group."""
     try:
         os.killpg(pid, signal.SIGTERM)
-    except (ProcessLookupError, PermissionError):  # it has no group of its own yet
+    except (ProcessLookupError, PermissionError):  # the group does not exist yet
         os.kill(pid, signal.SIGTERM)
 
 
 def work(scene: str, reading: Reading, pipe, newest):
-    """In the worker's process: serve the newest request until the pipe ends."""
+    """Main function of the process: serve the newest request until the pipe is closed."""
     os.setpgrp()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the page's process ends this one
     output.messages.quiet = True
@@ -123,15 +126,15 @@ def work(scene: str, reading: Reading, pipe, newest):
 
 
 def serve(studio: Studio, number: int, request: Request, send: Callable, newest):
-    """Send what comes of a request as long as it is the newest one."""
+    """Send the answers to a request as long as it is the newest one."""
 
-    def tell(text: str, share: float | None):
+    def report(text: str, share: float | None):
         if number != newest.value:
             raise Superseded
         send((number, Progress(text, share)))
 
     try:
-        for shown in studio.steps(request, tell):
+        for shown in studio.steps(request, report):
             send((number, shown))
             if number != newest.value:
                 return

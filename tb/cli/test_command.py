@@ -9,10 +9,11 @@ import pytest
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.model_file import read_model
 from splatcore.model.formats.read import read_scene
-from splatcore.sim.cli.main import COMMANDS, GROUPS, register
+from splatcore.sim.cli.commands import COMMANDS
+from splatcore.sim.cli.main import GROUPS, register
 from splatcore.sim.cli.options import app
 from splatcore.sim.cli.verilog import PARTS
-from splatcore.sim.common.metric import Compared, Result, against, difference, told
+from splatcore.sim.common.metric import Compared, Result, against, difference, metrics_line
 from splatcore.sim.common.picture import read_png
 from splatcore.sim.eda.verilog import WRITERS
 from tb.helpers.command import KEYS, ROOT, load, run
@@ -118,7 +119,7 @@ def test_against_model_and_scene(folder, capsys):
     assert result | against(wanted) == result
     assert result["psnr_db_machine"] > result["psnr_db_scene"] + 1
     printed = capsys.readouterr().out
-    assert f"against the reference: {told(wanted)}" in printed
+    assert f"against the reference: {metrics_line(wanted)}" in printed
     assert run(f"render scene.splatcore --engine golden -o g.png {view} m.json") == 0
     assert load(folder / "m.json")["psnr_db_machine"] == result["psnr_db_machine"]
     assert load(folder / "m.json")["psnr_db_scene"] is None
@@ -228,9 +229,9 @@ for group, part in {"": app, **GROUPS}.items():
 
 def test_commands_are_in_the_order_of_the_table():
     """In a process that has not imported any command yet."""
-    told = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
-    found = [tuple(line.split(",")) for line in told.stdout.splitlines()]
-    assert found == [(name, file) for name, (file, _) in COMMANDS.items()]
+    printed = subprocess.run([sys.executable, "-c", IN_ORDER], capture_output=True, text=True)
+    found = [tuple(line.split(",")) for line in printed.stdout.splitlines()]
+    assert found == [(name, file) for name, (file, *_) in COMMANDS.items()]
 
 
 def test_the_table_matches_the_help():
@@ -242,10 +243,9 @@ def test_the_table_matches_the_help():
         for command in part.registered_commands
     }
     assert set(helps) == set(COMMANDS)
-    for name, (_, does) in COMMANDS.items():
+    for name, entry in COMMANDS.items():
         first = " ".join(helps[name].split("\n\n")[0].split())
-        words = does.rstrip(".").split()
-        assert len(does) <= 75 and words[0] == first.split()[0], name
+        assert len(entry.summary) <= 75 and entry.summary == first, name
 
 
 HEAVY = "amaranth matplotlib numba scipy skimage sklearn torch".split()

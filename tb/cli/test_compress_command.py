@@ -144,7 +144,7 @@ def test_beside_the_path(scene_file, photographs, tmp_path, capsys):
         assert list(found) == ["5 degrees", "15 degrees", "nearer", "farther"]
         assert min(found.values()) > 10 and len(set(found.values())) == 4
         shown = " ".join(capsys.readouterr().out.split())
-        assert f"4 other views of the path, beside it: 5 degrees {found['5 degrees']:.2f}" in shown
+        assert f"views of the path, off the path: 5 degrees {found['5 degrees']:.2f}" in shown
     assert models[0] != models[1]
     assert run(*command, "--beside", "0.5") == 2
     assert "--beside: goes with --cameras" in capsys.readouterr().err

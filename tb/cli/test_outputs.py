@@ -43,36 +43,36 @@ def place(tmp_path, monkeypatch):
 
 
 CLASHES = {
-    "pack scene.ply -o scene.ply": "scene.ply: -o would overwrite scene.ply, which is read",
+    "pack scene.ply -o scene.ply": "scene.ply: -o would overwrite scene.ply, an input",
     "pack scene.ply -o sub/../scene.ply": "-o would overwrite scene.ply",
     "pack scene.ply -o hard.ply": "hard.ply: -o would overwrite scene.ply",
     "pack scene.ply -o soft.ply": "soft.ply: -o would overwrite scene.ply",
     "pack soft.ply -o hard.ply": "hard.ply: -o would overwrite soft.ply",
     "render scene.ply -o scene.ply": "-o would overwrite scene.ply",
     "render scene.ply --engine rtl -o scene.ply": "-o would overwrite scene.ply",
-    "render scene.ply -o a.png --json a.png": "a.png: -o and --json are one file",
-    "render scene.ply -o a.png --json sub/../a.png": "-o and --json are one file",
+    "render scene.ply -o a.png --json a.png": "a.png: -o and --json name the same file",
+    "render scene.ply -o a.png --json sub/../a.png": "-o and --json name the same file",
     "render scene.ply --camera cameras.json:4 -o a.png --json cameras.json": (
         "--json would overwrite cameras.json"
     ),
-    "render scene.ply -o a.png --heat-map a.png": "-o and --heat-map are one file",
+    "render scene.ply -o a.png --heat-map a.png": "-o and --heat-map name the same file",
     "render one --engine rtl --frames 2 -o a.png --error-map a-001.png": "a-001.png: ",
     "info scene.ply --json scene.ply": "--json would overwrite scene.ply",
     "cycles one scene.ply --json scene.ply": "--json would overwrite scene.ply",
-    "cycles scene.ply --json scene.cameras.json": "overwrite scene.cameras.json, which is read",
+    "cycles scene.ply --json scene.cameras.json": "overwrite scene.cameras.json, an input",
     "compare g.png r.png -o g.png": "g.png: -o would overwrite g.png",
     "compare g.png r.png -o r.png": "r.png: -o would overwrite r.png",
     "compare reference golden --scene scene.ply --json scene.ply": "overwrite scene.ply",
-    "error scene.ply -o a.png --json a.png": "-o and --json are one file",
+    "error scene.ply -o a.png --json a.png": "-o and --json name the same file",
     "error --scenes . --json scene.cameras.json": "--json would overwrite scene.cameras.json",
     "fit scene.ply --fps 9 --cameras cameras.json:4,7 -o a.toml --json cameras.json": (
         "--json would overwrite cameras.json"
     ),
-    "scene garden -o a.ply --cameras a.ply": "-o and --cameras are one file",
+    "scene garden -o a.ply --cameras a.ply": "-o and --cameras name the same file",
     "photographs scene.ply -o photos": "photos: is not empty",
     "photographs scene.ply -o .": ".: is not empty",
     "photographs scene.ply -o scene.ply": "-o would overwrite scene.ply",
-    "photographs scene.ply -o a --json a": "a: -o and --json are one file",
+    "photographs scene.ply -o a --json a": "a: -o and --json name the same file",
     "photographs scene.ply -o a --cameras cameras.json --json cameras.json": (
         "--json would overwrite cameras.json"
     ),
@@ -82,7 +82,7 @@ CLASHES = {
     "train photos -o photos/images/1.png": "-o would overwrite photos/images/1.png",
     "power scene.ply --json scene.ply": "--json would overwrite scene.ply",
     "programs --preset file --json file": "--json would overwrite file",
-    "bench sort -o out --json out": "-o and --json are one file",
+    "bench sort -o out --json out": "-o and --json name the same file",
 }  # fmt: skip
 """Arguments → part of the error message."""
 
@@ -93,26 +93,26 @@ def test_nothing_is_overwritten_unasked(place, capsys, arguments):
 
 
 UNWRITABLE = {
-    "verilog -o file": "file: is no folder",
-    "registers -o file": "file: is no folder",
-    "example -o file": "file: is no folder",
-    "registers -o file/x": "file/x: there is no folder",
-    "report -o file": "file: is no folder",
-    "bench work one -o file": "file: is no folder",
-    "bench sort -o file": "file: is no folder",
-    "coverage sub --json none/a.json": "none/a.json: there is no folder",
-    "soak frames -o file": "file: is no folder",
-    "soak faults -o file/x": "file/x: there is no folder",
-    "bench compression one -o file": "file: is no folder",
-    "photographs scene.ply -o file": "file: is no folder",
-    "photographs scene.ply -o none/a": "none/a: there is no folder",
-    "photographs scene.ply -o sub --json none/a.json": "none/a.json: there is no folder",
-    "compress scene.ply -o m --work file": "file: is no folder",
-    "train photos -o s.ply --work file": "file: is no folder",
-    "render one -o file/x.png": "file/x.png: there is no folder",
+    "verilog -o file": "file: is not a folder",
+    "registers -o file": "file: is not a folder",
+    "example -o file": "file: is not a folder",
+    "registers -o file/x": "file/x: folder .* does not exist",
+    "report -o file": "file: is not a folder",
+    "bench work one -o file": "file: is not a folder",
+    "bench sort -o file": "file: is not a folder",
+    "coverage sub --json none/a.json": "none/a.json: folder .* does not exist",
+    "soak frames -o file": "file: is not a folder",
+    "soak faults -o file/x": "file/x: folder .* does not exist",
+    "bench compression one -o file": "file: is not a folder",
+    "photographs scene.ply -o file": "file: is not a folder",
+    "photographs scene.ply -o none/a": "none/a: folder .* does not exist",
+    "photographs scene.ply -o sub --json none/a.json": "none/a.json: folder .* does not exist",
+    "compress scene.ply -o m --work file": "file: is not a folder",
+    "train photos -o s.ply --work file": "file: is not a folder",
+    "render one -o file/x.png": "file/x.png: folder .* does not exist",
     "render one -o sub": "sub: is a folder",
-    "render one -o /dev/null": "/dev/null: is no file",
-    "info one --json none/a.json": "none/a.json: there is no folder",
+    "render one -o /dev/null": "/dev/null: is not a file",
+    "info one --json none/a.json": "none/a.json: folder .* does not exist",
 }
 
 
@@ -158,7 +158,7 @@ def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
     with pytest.raises((error, SystemExit)):
         own(["-o", "new"])
     assert not Path("new").exists()
-    with pytest.raises(InputError, match="one file"):
+    with pytest.raises(InputError, match="the same file"):
         own(["-o", "new", "--json", "new"])
     with pytest.raises((error, SystemExit)):
         own(["-o", "new", "--keep"])

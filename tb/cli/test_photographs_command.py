@@ -75,8 +75,8 @@ def test_a_capture(place, tmp_path, capsys, cameras_used):
     facts = tmp_path / "facts.json"
     options = ["--cameras", place / "given.json", "--path-share", 0.66, "--json", facts]
     assert taken(place, tmp_path / "a", *options) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "9 photographs of 64x40 (6 on the path, 3 from all round), 60 points" in told
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "9 photographs of 64x40 (6 on the path, 3 from all around), 60 points" in printed
     found, scene = read_photographs(tmp_path / "a"), read_scene(place / "small.ply")
     names = [f"around-00{k}.png" for k in range(3)] + [f"path-00{k}.png" for k in range(6)]
     assert [target.name for target in found.targets] == names and not found.notes

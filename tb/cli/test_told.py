@@ -58,16 +58,16 @@ def test_a_group_alone_is_its_help(capsys, arguments):
 
 
 TYPES = {
-    "render scene.ply -o a.jpg": "-o a.jpg: does not end with .png",
-    "render scene.ply -o a.png --heat-map a.pdf": "--heat-map a.pdf: does not end with .png",
-    "render scene.ply -o a.png --json b.png": "--json b.png: does not end with .json",
-    "pack scene.ply -o a.ply": "-o a.ply: does not end with .splatcore",
-    "scene garden -o a.spz": "-o a.spz: does not end with .ply",
-    "scene garden -o a.ply --cameras a.toml": "--cameras a.toml: does not end with .json",
-    "photographs scene.ply -o a --json a.png": "--json a.png: does not end with .json",
-    "error scene.ply -o a.svg": "-o a.svg: does not end with .png",
-    "compare reference golden --scene scene.ply -o a.jpeg": "-o a.jpeg: does not end with .png",
-    "fit scene.ply --fps 9 -o x.json": "-o x.json: does not end with .toml",
+    "render scene.ply -o a.jpg": "-o a.jpg: must end in .png",
+    "render scene.ply -o a.png --heat-map a.pdf": "--heat-map a.pdf: must end in .png",
+    "render scene.ply -o a.png --json b.png": "--json b.png: must end in .json",
+    "pack scene.ply -o a.ply": "-o a.ply: must end in .splatcore",
+    "scene garden -o a.spz": "-o a.spz: must end in .ply",
+    "scene garden -o a.ply --cameras a.toml": "--cameras a.toml: must end in .json",
+    "photographs scene.ply -o a --json a.png": "--json a.png: must end in .json",
+    "error scene.ply -o a.svg": "-o a.svg: must end in .png",
+    "compare reference golden --scene scene.ply -o a.jpeg": "-o a.jpeg: must end in .png",
+    "fit scene.ply --fps 9 -o x.json": "-o x.json: must end in .toml",
     "cycles scene.ply --preset empty.toml": "empty.toml: .*empty",
     "render scene.ply -o a.png --camera low.json": r"error: low.json: camera 0: height 0 is not in",
 }

@@ -50,7 +50,7 @@ def test_an_empty_picture_names_near_plane_camera_and_extent(capsys):
         note_empty(source([1, 2]), camera(near=3.0), {"splats": 0})
     found = capsys.readouterr().err
     assert found.startswith("x.ply: no Gaussian is visible from camera 7 at (0, 0, 0) with near")
-    assert "plane 3; 98 % of the scene's Gaussians lie between (0, 0, 0.118) and (8.8" in found
+    assert "plane 3; 98 % of the scene's Gaussians are between (0, 0, 0.118) and (8.8" in found
     assert not re.search(r"\n.", found)
 
 

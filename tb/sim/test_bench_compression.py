@@ -245,12 +245,12 @@ def test_equal_pictures():
 @pytest.mark.parametrize(
     "arguments, message",
     {
-        "a.ply --part steps,dance": "--part 'dance': unknown (there are steps, schedule",
+        "a.ply --part steps,dance": "--part 'dance': unknown; choose steps, schedule",
         "a.ply --ratios 10,x": "--ratios '10,x': are not numbers",
         "a.ply --ratios 0.5": "--ratios '0.5': are not all over 1",
-        "a.ply --steps -1": "--steps -1: is not 0 or more",
-        "a.ply --views 0": "--views 0: is not 1 or more",
-        "a.ply --scale 2": "--scale 2: is not over 0",
+        "a.ply --steps -1": "--steps -1: must be 0 or more",
+        "a.ply --views 0": "--views 0: must be 1 or more",
+        "a.ply --scale 2": "--scale 2: must be above 0",
         "a.ply --schedule-scene b": "--schedule-scene b: is not among a.ply",
         "a.ply --view-size 9": "--size '9': is not WIDTHxHEIGHT",
         "a.ply --process 130": "--process 130.0: goes with --liberty only",

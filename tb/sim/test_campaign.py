@@ -89,7 +89,7 @@ def test_failures_are_named_and_lose_nothing(tmp_path, cluster):
 @pytest.mark.slow
 def test_signals_are_named(tmp_path):
     """Only SIGKILL, by which the kernel frees memory, is said to be of memory."""
-    signals = {signal.SIGSEGV: "", signal.SIGKILL: ", as without memory", signal.SIGTERM: ""}
+    signals = {signal.SIGSEGV: "", signal.SIGKILL: ", maybe out of memory", signal.SIGTERM: ""}
     for number, why in signals.items():
         found = run([task(number, tmp_path / "log", crash)], tmp_path / "parts")
         text = f"its process ended by signal {number:d} ({number.name}){why}"

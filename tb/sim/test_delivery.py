@@ -111,7 +111,7 @@ def test_two_machines_in_one_design(tmp_path):
 
 def test_prefixes_must_be_identifiers(capsys):
     for name in ("2x", "a-b", "é", ""):
-        check_refused(capsys, f"verilog -o none --prefix={name}", "is no name of Verilog")
+        check_refused(capsys, f"verilog -o none --prefix={name}", "is not a Verilog identifier")
 
 
 @pytest.fixture(scope="module")

@@ -213,11 +213,11 @@ def test_command(tmp_path, monkeypatch, capsys):
         "error garden --quality faithful": "--quality: goes with --stage all",
         "error garden --stage sort --quality faithful": "--quality: goes with --stage all",
         "error garden --stage all --quality best": "--quality 'best': unknown",
-        "error garden --stage all --width 7/10 --width 7/13": "--stage all: is of one machine",
+        "error garden --stage all --width 7/10 --width 7/13": "--stage all: takes one machine",
         "error garden --stage all --preset TINY --size 640x480": "picture of 640x480: "
         "preset TINY renders up to 64x64",
-        "error garden --stage every": "--stage 'every': unknown (there are project, sort, raster, "
-        "all)",
+        "error garden --stage every": "--stage 'every': unknown; choose project, sort, raster or "
+        "all",
     }.items():
         capsys.readouterr()
         assert run(words) == 2, words

@@ -173,7 +173,7 @@ def test_cameras(tmp_path):
     some = open_cameras(None, f"{path}:{names[1]}", "64x48", source)
     assert [(c.name, c.width, c.height) for c in some] == [(names[1], 64, 48)]
     assert [c.width for c in open_cameras(None, path, "64x48", source)] == [64, 64]
-    with pytest.raises(InputError, match="one of them, not both"):
+    with pytest.raises(InputError, match="use --camera or --cameras, not both"):
         open_cameras(path, path, None, source)
     with pytest.raises(InputError, match="no camera 'x'"):
         open_cameras(None, f"{path}:x", None, source)
@@ -191,7 +191,7 @@ def test_the_command(tmp_path, capsys, prices, scene):
     path, facts = tmp_path / "my machine.toml", tmp_path / "facts.json"
     options = ("--size", "64x48", "--fps", 9000, "--psnr", 40, "-o", path, "--json", facts)
     assert run("fit", scene, *options) == 0
-    assert "what binds it" in capsys.readouterr().out
+    assert "reason" in capsys.readouterr().out
     config, found = find_preset(str(path)), json.loads(facts.read_text())
     assert config.name == found["preset"] == "my_machine" and config.width_max == 64
     assert config.rasterizers == found["fields"]["rasterizers"]["chosen"]

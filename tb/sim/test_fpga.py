@@ -164,9 +164,9 @@ def test_failure_is_reported(monkeypatch, tmp_path, capsys):
     for _ in range(2):
         assert run("fpga", "--stage", "wide", "--stage", "add", "--device", "25K",
                    "--speed", "8", "--preset", "tiny", "--json", str(out)) == 1  # fmt: skip
-        told = capsys.readouterr().out
-        assert "wide is not placed: does not fit: luts 26670 of 24288" in told
-        assert "add: from a.b to e.d" in told and "123.5" in told
+        printed = capsys.readouterr().out
+        assert "wide: not placed: does not fit: luts 26670 of 24288" in printed
+        assert "add: from a.b to e.d" in printed and "123.5" in printed
     assert asked == [("25k", "8")] * 2
     facts = json.loads(out.read_text())
     assert list(facts["parts"]) == ["add"] and list(facts["failed"]) == ["wide"]

@@ -110,7 +110,7 @@ def test_flip():
 
 def test_without_flip(monkeypatch):
     monkeypatch.setitem(sys.modules, "flip_evaluator", None)
-    with pytest.raises(InputError, match=r"FLIP: needs flip-evaluator; install it by pip install"):
+    with pytest.raises(InputError, match=r"FLIP: needs flip-evaluator: pip install"):
         flip(noise(0), noise(1))
 
 

@@ -207,14 +207,14 @@ def test_command(monkeypatch, tmp_path, capsys):
     expected = estimate(COUNTS, gates_of(SIZES, TINY.energy), TINY.energy)
     assert facts["power_w"] == expected.power(50.0) and facts["size"] == [16, 16]
     assert run(*asked) == 0
-    assert "800000.0 frames a second" in capsys.readouterr().out
+    assert "800000.0 frames per second" in capsys.readouterr().out
     for options, why in (
         (("--fps", "800001"), "--fps 800001: is more than 800000.0"),
-        (("--fps", "0"), "--fps 0: is not above 0"),
+        (("--fps", "0"), "--fps 0: must be above 0"),
         (("--liberty", "a.lib"), "--liberty a.lib: goes with --process only"),
         (("--process", "130"), "--process 130.0: goes with --liberty only"),
         (("--liberty", "a.lib", "--process", "130"), "a.lib: No such file"),
-        (("--sample", "-1"), "--sample -1: is not above 0"),
+        (("--sample", "-1"), "--sample -1: must be above 0"),
         (("--size", "128x16"), "picture of 128x16: preset TINY renders up to 64x64"),
     ):
         assert run(*asked, *options) == 2

@@ -130,16 +130,16 @@ def test_no_hidden_state(model, camera):
 
 
 BAD = {
-    "position": [("nan", "position: of 120 values are NaN or infinite: 1"),
+    "position": [("nan", "position: 1 of 120 values are NaN or infinite"),
                  (np.zeros((3, 2)), r"position: has shape \(3, 2\), not \(N, 3\)"),
-                 ("text", "position: is no array")],
+                 ("text", "position: is not an array")],
     "scale": [("nan", "scale: "), (np.zeros((7, 3)), r"not \(40, 3\)"),
               (np.full((40, 3), -1), "scale: -1 is not in 0")],
     "quaternion": [("nan", "quaternion: "), (np.ones((40, 3)), r"not \(40, 4\)")],
     "opacity": [("nan", "opacity: "), (np.ones((40, 1)), r"not \(40\)"),
                 (np.full(40, 1.5), "opacity: 1.5 is not in 0 … 1")],
     "sh": [("nan", "sh: "), (np.ones((40, 3)), r"not \(40, N, 3\)"),
-           (np.ones((40, 5, 3)), "sh: has 5 harmonics"), (None, "sh and colour: one of them")],
+           (np.ones((40, 5, 3)), "sh: has 5 harmonics"), (None, "exactly one of sh and colour")],
 }  # fmt: skip
 
 
@@ -162,8 +162,8 @@ def test_other_bad_input(model, camera, tmp_path):
     large = splatcore.look_at([0, 0, -3], [0, 0, 0], 2048, 48)
     with_array = splatcore.pack(scene, "compact", config="PAPER")[0]
     for call, message in (
-        (lambda: splatcore.render_golden(scene, camera), "model: is a Scene; splatcore.pack"),
-        (lambda: splatcore.render_golden(model, mirrored), "rotation is no rotation matrix"),
+        (lambda: splatcore.render_golden(scene, camera), "model: is a Scene; pack it first"),
+        (lambda: splatcore.render_golden(model, mirrored), "rotation is not a rotation matrix"),
         (lambda: splatcore.render_reference(scene, half), "camera: width: is of type float"),
         (lambda: splatcore.render_golden(model, large), "2048x48: preset DEFAULT renders up to"),
         (lambda: splatcore.cycles(with_array, camera), "preset DEFAULT 'chunk'"),
@@ -172,11 +172,11 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.pack(scene, "best"), "quality: 'best' is not one of small"),
         (lambda: splatcore.pack(model), "scene: is of type PackedModel"),
         (lambda: splatcore.look_at([0, 0, 0], [0, 0, 0]), "target: is the camera's position"),
-        (lambda: splatcore.look_at([0, 0, 0], [0, 2, 0]), "down: is along"),
+        (lambda: splatcore.look_at([0, 0, 0], [0, 2, 0]), "down: is parallel"),
         (lambda: splatcore.look_at([0, 0, 0], [0, 0, 1], 0), "width: 0 is not in 1"),
         (lambda: splatcore.open_scene("nope.ply"), "nope.ply: "),
         (lambda: splatcore.open_cameras("nope.json"), "nope.json: "),
-        (lambda: splatcore.open_cameras(scene, 64), "one without the other"),
+        (lambda: splatcore.open_cameras(scene, 64), "both width and height"),
         (lambda: splatcore.open_cameras(scene, near="0.1"), "near: is of type str, not"),
         (lambda: splatcore.open_cameras(scene, near=None), "near: is of type NoneType"),
         (lambda: splatcore.open_cameras(scene, near=0), "near 0 is not in"),
@@ -187,8 +187,8 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.preset(pes="9"), "pes: '9' is not an integer"),
         (lambda: splatcore.preset(pes=99), "pes 99 is not in 1 … 12"),
         (lambda: splatcore.preset(burst=16, page=8), "burst 16 is above 8"),
-        (lambda: splatcore.write(tmp_path / "a.jpg", np.zeros((4, 4, 3))), "end with .png"),
-        (lambda: splatcore.write(tmp_path / "no" / "a.png", np.zeros((4, 4, 3))), "no folder"),
+        (lambda: splatcore.write(tmp_path / "a.jpg", np.zeros((4, 4, 3))), "must end in .png"),
+        (lambda: splatcore.write(tmp_path / "no" / "a.png", np.zeros((4, 4, 3))), "does not exist"),
         (lambda: splatcore.write(tmp_path / "a.png", [1]), "thing: is of type list"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=message) as error:

@@ -216,13 +216,13 @@ def test_with_a_worker(setting, file, tmp_path, monkeypatch):
             client.camera.step(STEP)
             time.sleep(1.5 * page.REST)
         until(lambda: client.widgets["text 0"].content == "done")
-        client.widgets["Keep camera"].change()
+        client.widgets["Save camera"].change()
         (tmp_path / KEPT).write_bytes(client.files[KEPT])
         command = "--camera", KEPT, "--engine", "golden", "--preset", "tiny", "-o", "golden.png"
         assert run("render", file, *command, "--no-compare") == 0
         golden = read_png("golden.png")
         np.testing.assert_array_equal(client.background, golden)
-        assert "Binds" in client.widgets["text 10"].content
+        assert "Bottleneck" in client.widgets["text 10"].content
         client.widgets["Show"].change(layers.TILES)
         until(lambda: not np.array_equal(client.background, golden))
         worker._process.kill()

@@ -105,12 +105,13 @@ def test_numbers(studio, scene, model, frame, camera):
     for name, exact in (("machine", model.gaussians()), ("scene", scene.gaussians())):
         drawn = reference.render(exact, camera).pixels
         db = psnr(frame.pixels / LEVELS, drawn / LEVELS)
-        assert facts[f"psnr_db_{name}"] == pytest.approx(db) and f"{db:.2f}" in text.told(facts)
-    told = text.told(facts)
+        assert facts[f"psnr_db_{name}"] == pytest.approx(db)
+        assert f"{db:.2f}" in text.facts_text(facts)
+    printed = text.facts_text(facts)
     for part in (f"{found.frame:,}", f"{found.raster:,}", "TINY, compact, 60×44"):
-        assert part in told
+        assert part in printed
     half, stage = found.binding
-    assert f"Binds: **{stage}** in {half}" in told
+    assert f"Bottleneck: **{stage}** in {half}" in printed
     assert getattr(found, half) == found.frame
     others = {"rendering": ("sort", "raster")}.get(half, ("cull", "place", "project", "bin"))
     assert getattr(found, stage) == max(getattr(found, each) for each in others)
@@ -164,5 +165,5 @@ def test_simulation(studio, frame, camera):
     request = Request(camera, TINY, layer=layers.RTL)
     serve(studio, 1, request, lambda answer: sent.append(answer[1]), SimpleNamespace(value=1))
     np.testing.assert_array_equal(sent[-1].pixels, frame.pixels)
-    assert "identical to the golden model" in text.told_rtl(sent[-1].facts)
+    assert "identical to the golden model" in text.rtl_text(sent[-1].facts)
     assert any(isinstance(one, Progress) and "simulating" in one.text for one in sent)

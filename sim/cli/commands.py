@@ -1,0 +1,200 @@
+"""All commands: the file that defines each, its purpose, its summary and an example."""
+
+from typing import NamedTuple
+
+LOOK = "Look at a scene"
+PACK = "Pack a scene"
+RENDER = "Render"
+MEASURE = "Measure"
+HARDWARE = "Hardware"
+FPGA = "FPGA"
+COMPRESS = "Compression"
+REPORT = "Report and cache"
+
+PURPOSES = (LOOK, PACK, RENDER, MEASURE, HARDWARE, FPGA, COMPRESS, REPORT)
+"""Headings of the commands in `splatcore --help` and docs/commands.md, in their order."""
+
+
+class Entry(NamedTuple):
+    """A command.
+
+    file: module of this package whose import registers the command
+    purpose: one of `PURPOSES`
+    summary: first line of its help
+    arguments: words after `splatcore NAME` in the example
+    """
+
+    file: str
+    purpose: str
+    summary: str
+    arguments: str = ""
+
+
+COMMANDS = {
+    "scene": Entry(
+        "scene", LOOK, "Generate a scene and write it as a 3DGS PLY file.",
+        "garden -o garden.ply --cameras garden.cameras.json",
+    ),
+    "join": Entry(
+        "scene", LOOK, "Put scenes side by side in front of one camera, in one PLY file.",
+        "garden needles -o both.ply",
+    ),
+    "info": Entry("scene", LOOK, "Show the contents of a scene or packed model.", "garden"),
+    "view": Entry(
+        "view", LOOK, "Look at a scene in the browser, as the machine renders it.",
+        "garden --browser",
+    ),
+    "pack": Entry(
+        "pack", PACK, "Pack a scene into a model for the machine, and measure the loss.",
+        "garden -o garden.splatcore",
+    ),
+    "render": Entry(
+        "render", RENDER, "Render a picture, or one per camera, and count the work in it.",
+        "garden --engine golden -o garden.png",
+    ),
+    "compare": Entry(
+        "compare", RENDER, "Compare images with the first one: PSNR, SSIM and maximum error.",
+        "reference golden --scene garden --size 640x360",
+    ),
+    "hard": Entry(
+        "hard", RENDER, "Run the hard cases: small scenes on which renderers go wrong.",
+        "needles --engine golden -o hard",
+    ),
+    "cycles": Entry(
+        "cycles", MEASURE, "Estimate a frame's cycles by stage, and measure its error.",
+        "garden --size 1280x720",
+    ),
+    "error": Entry(
+        "error", MEASURE, "Measure the error of the machine's numbers, stage by stage.",
+        "garden --stage all --size 640x360",
+    ),
+    "power": Entry(
+        "power", MEASURE, "ESTIMATE the power of a frame by stage, to first order.",
+        "garden --preset tiny --size 64x64",
+    ),
+    "fit": Entry(
+        "fit", MEASURE, "Find the smallest machine that renders a scene fast and well enough.",
+        "garden --fps 200 --size 640x360 -o fitted.toml",
+    ),
+    "programs": Entry(
+        "programs", HARDWARE, "List the microprograms of stages 0 and 1.", "--show cull"
+    ),
+    "verilog": Entry(
+        "verilog", HARDWARE, "Write the machine as Verilog, with the files that a flow needs.",
+        "-o verilog",
+    ),
+    "registers": Entry(
+        "verilog", HARDWARE, "Write the register map, a C header, a driver and SystemRDL.",
+        "-o registers",
+    ),
+    "example": Entry(
+        "example", HARDWARE, "Write a self-contained folder in which Verilog renders a frame.",
+        "-o example",
+    ),
+    "synth": Entry(
+        "synth", HARDWARE, "Synthesise stages or primitives; print their size and depth.",
+        "--stage cull --stage raster",
+    ),
+    "fpga": Entry(
+        "sizes", FPGA, "Place and route parts, or the whole machine, on a Lattice ECP5.",
+        "--stage cull",
+    ),
+    "memories": Entry(
+        "sizes", HARDWARE, "List the on-chip memories of each stage, and the paper's.",
+        "--preset tiny",
+    ),
+    "coverage": Entry(
+        "coverage", HARDWARE, "Show which branches and lines of hdl/ simulations have reached.",
+        "out/coverage",
+    ),
+    "photographs": Entry(
+        "photographs", COMPRESS, "Render a scene as photographs: pictures, poses and points.",
+        "garden -o photos --views 20 --size 640x360",
+    ),
+    "train": Entry(
+        "compress", COMPRESS, "Train a plain 3DGS scene from photographs.",
+        "photos -o trained.ply --steps 1000",
+    ),
+    "compress": Entry(
+        "compress", COMPRESS, "Compress a scene into a small packed model.",
+        "garden -o small.splatcore --target-ratio 30",
+    ),
+    "report": Entry(
+        "report", REPORT, "Write one page of results: the machine's speed, error and size.",
+        "-o report",
+    ),
+    "cache": Entry(
+        "cache", REPORT, "Show or clear the cache of compiled machines and synthesis results."
+    ),
+    "bench sort": Entry(
+        "bench_sort", MEASURE, "Measure the cycles of sorting, with stage 2 simulated in RTL.",
+        "-o sort --preset tiny --lengths 100,1000",
+    ),
+    "bench scenes": Entry(
+        "bench_views", MEASURE, "Render scenes in RTL: cycles, memory traffic, correctness.",
+        "garden -o scenes --preset tiny --size 64x64",
+    ),
+    "bench sweep": Entry(
+        "bench_views", MEASURE, "Compare many machines on many scenes: speed, error, gates.",
+        "garden -o sweep --size 640x360",
+    ),
+    "bench ablation": Entry(
+        "bench_views", MEASURE, "Measure the gain of culling, zero skipping and early termination.",
+        "garden -o ablation --size 640x360",
+    ),
+    "bench work": Entry(
+        "bench_views", MEASURE, "Measure the machine's work for every camera of a scene.",
+        "garden -o work --size 640x360",
+    ),
+    "bench rule": Entry(
+        "bench_rule", MEASURE, "Compare faintness rules: cycles of stage 3 against error.",
+        "garden -o rule --size 640x360",
+    ),
+    "bench quality": Entry(
+        "bench_quality", MEASURE, "Measure bytes per Gaussian against dB for each way to pack.",
+        "garden -o quality --size 640x360",
+    ),
+    "bench formats": Entry(
+        "bench_formats", COMPRESS, "Compare other file formats with packed models: bytes and dB.",
+        "garden -o formats --size 640x360",
+    ),
+    "bench coding": Entry(
+        "bench_coding", COMPRESS, "Compare ways to code a packed model: bytes and time.",
+        "garden -o coding",
+    ),
+    "bench compression": Entry(
+        "bench_compression", COMPRESS, "Compress scenes; measure size, loss and machine work.",
+        "garden -o out --part steps --steps 40",
+    ),
+    "bench differentiable": Entry(
+        "bench_differentiable", COMPRESS, "Time the differentiable renderer on the CPU.",
+        "--gaussians 10000 --size 320x180",
+    ),
+    "board write": Entry(
+        "board_runs", FPGA, "Write the files for a ULX3S board: Verilog, pins and a Makefile.",
+        "-o ulx",
+    ),
+    "board render": Entry(
+        "board_runs", FPGA, "Render a frame on a board and compare it with the golden model.",
+        "garden --board ulx --port /dev/ttyS0 -o a.png",
+    ),
+    "soak frames": Entry(
+        "soak_runs", HARDWARE, "Render random small scenes in RTL, against the golden model.",
+        "-o soak --count 40",
+    ),
+    "soak faults": Entry(
+        "soak_runs", HARDWARE, "Inject random faults in RTL: each must be reported, none may hang.",
+        "-o soak --count 20",
+    ),
+}  # fmt: skip
+"""Commands by name, in the order of the help."""
+
+GROUPS = {"bench": (MEASURE, "bench scenes"), "board": (FPGA, "board write"),
+          "soak": (HARDWARE, "soak frames")}  # fmt: skip
+"""Groups of commands: their purpose, and the command whose example their help shows."""
+
+
+def example(name: str) -> str:
+    """Return the example of a command, group, or "" (the program) as a command line."""
+    name = GROUPS[name][1] if name in GROUPS else name or "render"
+    return f"splatcore {name} {COMMANDS[name].arguments}".strip()
