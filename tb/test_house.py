@@ -28,6 +28,14 @@ SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import in addition to the 
 RIDDLES = {"told", "tell", "tells", "how", "what", "who", "said", "thing"}
 """Names that say nothing about their content."""
 
+ALLOWED = {
+    "sim/bench/campaign.py": {"what"},  # a JSON key
+    "sim/cli/path.py": {"what"},
+    "sim/compression/bench.py": {"what"},
+    "sim/python/files.py": {"thing"},  # the Python interface
+    "sim/report/other.py": {"tell"},  # a file's position
+}
+
 FILE_LINES = 320
 FUNCTION_LINES = 60
 FILE_BYTES = 1_000_000
@@ -193,7 +201,7 @@ def test_plain_words(room):
     hits = [
         f"{path.relative_to(ROOT)}:{line}: {habit}: {around}"
         for path in habits.files(room)
-        if path.name != "habits.py"
+        if path.name not in ("habits.py", "test_house.py")  # the patterns, and samples of hits
         for habit, line, around in habits.found(path, habits.REFUSED)
     ]
     assert not hits, "\n".join(hits)
@@ -202,7 +210,8 @@ def test_plain_words(room):
 @pytest.mark.parametrize("room", ROOMS)
 def test_plain_names(room):
     for path in sources(room):
-        assert not riddles(tree(path)), path.relative_to(ROOT)
+        name = str(path.relative_to(ROOT))
+        assert not riddles(tree(path)) - ALLOWED.get(name, set()), name
 
 
 def test_refused_words_are_seen(tmp_path):

@@ -81,15 +81,15 @@ def pack_command(
     if sh_degree is not None:
         config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
     with progress_bar("rendering the scene") as advance:
-        tell = partial(advance, 0, None)
+        progress = partial(advance, 0, None)
         seen = Views.of(original, views)
         for view, picture in zip(views, seen.pictures, strict=True):
             note_empty(source, view, {"visible": picture.any()})
         if psnr is not None:
-            packed = smallest(original, config, seen, psnr, tell)
+            packed = smallest(original, config, seen, psnr, progress)
         else:
-            packed = choose(original, config, seen, quality, progress=tell)
-        losses = psnr_by_part(original, packed.model, seen, tell)
+            packed = choose(original, config, seen, quality, progress=progress)
+        losses = psnr_by_part(original, packed.model, seen, progress)
     parts = bytes_by_part(packed.model)
     for line in packed.report.notes:
         source.note(line)

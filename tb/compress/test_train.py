@@ -66,7 +66,7 @@ def test_it_goes_on_where_it_stopped(photographs, points, whole, tmp_path):
     class Stop(Exception):
         pass
 
-    def stop(what, done, total, loss):
+    def stop(phase, done, total, loss):
         if done == 47:
             raise Stop
 

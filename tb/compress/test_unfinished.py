@@ -37,15 +37,15 @@ def often(monkeypatch):
 @pytest.mark.parametrize("degree", [1, 2])
 def test_stopped_in_every_phase(scene, targets, tmp_path, degree):
     """In codebooks and in steps: resuming repeats only the steps after the last saved state."""
-    recipe, told = replace(RECIPE, degree=degree), []
+    recipe, reports = replace(RECIPE, degree=degree), []
     whole, broken = (Checkpoints(tmp_path / name, "key") for name in ("whole", "broken"))
     *_, wanted = compress(scene, targets, recipe, whole)
 
     def progress(phase, done, total, loss):
         if loss is None:
             return
-        told.append((phase, done))
-        if done == STOPS[phase] and told.count((phase, done)) == 1:
+        reports.append((phase, done))
+        if done == STOPS[phase] and reports.count((phase, done)) == 1:
             raise Stop
 
     stops = 0
@@ -56,11 +56,11 @@ def test_stopped_in_every_phase(scene, targets, tmp_path, degree):
             stops += 1
             assert broken.unfinished.exists()
             broken = Checkpoints(broken.folder, broken.key)
-    phases = list(dict.fromkeys(what for what, _ in told))
+    phases = list(dict.fromkeys(phase for phase, _ in reports))
     assert phases == [phase for phase in STOPS if degree == 1 or phase != "distill 1"]
     assert stops == len(phases)
     for phase in phases:
-        steps = [done for what, done in told if what == phase]
+        steps = [done for name, done in reports if name == phase]
         stop = STOPS[phase]
         assert steps == [*range(1, stop + 1), stop, stop + 1], phase
     assert not list(broken.folder.glob("*.pt")) and len(broken.steps) == len(whole.steps)

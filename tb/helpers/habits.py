@@ -19,7 +19,7 @@ ROOMS = ("README.md", "CONTRIBUTING.md", "docs", "spec", "model", "golden", "hdl
 
 UNITS = (
     "bytes?|bits?|cycles?|seconds?|frames?|pixels?|items?|words?|beats?|lines?|rows?|gates?|steps?"
-    "|splats?|entries|entry|colou?rs?|pairs?|keys?|KB|MB|ms|points?|lanes?|floats?|reads?|writes?"
+    "|splats?|entries|entry|colou?rs?|pairs?|keys?|KB|MB|ms|points?|lanes?|floats?"
 )
 OF = (
     "Gaussian|splat|pixel|pair|cycle|second|frame|tile|group|list|entry|chunk|lane|point|item|word"
@@ -45,7 +45,7 @@ HABITS = {
     "H16 given up": r"\bg[ia]ven? (out|up|away)\b|\bgives? (out|up|away)\b|\bgiving (out|up)\b",
     "H17 the least": r"\bthe (least|most)\b",
     "H18 in words": r"\bin words\b|\ba bit( for|:| of) ",
-    "H19 X a Y": rf"\b({UNITS}) an? ({OF})s?\b",
+    "H19 X a Y": rf"(?<!per )\b({UNITS}) an? ({OF})s?\b",
     "H20 parameters in a row": r"(?m)^ *\w+(, \w+)*: [^\n]*[.;] \w+(, \w+)*: ",
     "H21 as before": r"\b(as before|of before|by hand|was tried|were tried|(is|are) not built)\b",
 }

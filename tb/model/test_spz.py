@@ -143,14 +143,14 @@ def test_axes_of_other_formats_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("version", (1, 2, 3))
-@pytest.mark.parametrize("said", (1, 3))
-def test_more_gaussians_than_the_header_says(tmp_path, version, said):
+@pytest.mark.parametrize("claimed", (1, 3))
+def test_more_gaussians_than_the_header_says(tmp_path, version, claimed):
     """A wrong count would misplace all sections: refused, with both counts in the message."""
     codes = spz_codes(version, 4, 1)
     raw = gzip.decompress(spz_bytes(version, codes, 1))
-    data = raw[:8] + struct.pack("<I", said) + raw[12:]
-    size = len(raw[16:]) // 4 * said
-    message = f"bytes, as many as 4 Gaussians have, not the {size} of {said} Gaussians"
+    data = raw[:8] + struct.pack("<I", claimed) + raw[12:]
+    size = len(raw[16:]) // 4 * claimed
+    message = f"bytes, as many as 4 Gaussians have, not the {size} of {claimed} Gaussians"
     check_bad_scene(tmp_path / "scene.spz", gzip.compress(data), message)
 
 
