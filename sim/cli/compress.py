@@ -103,9 +103,8 @@ def compress_command(
     """Compress a scene into a small packed model.
 
     Reduces harmonics, prunes, quantises, fine-tunes in between, and packs. For a target, trials
-    choose degree and number of Gaussians; one out of reach is refused. Learns from photographs
-    (--images) or rendered pictures, on a path (--cameras) or all around. Resumes interrupted runs.
-    Prints trials, steps and the loss on held-out pictures. Needs the extra `compress`.
+    choose degree and number of Gaussians. Learns from photographs (--images) or rendered pictures,
+    on a path (--cameras) or all around. Resumes interrupted runs. Needs the extra `compress`.
     """
     run.check_installed()
     recipe = Recipe(
@@ -127,9 +126,8 @@ def compress_command(
     facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
     facts |= facts_of(original, model, checkpoints)
     _print_steps(checkpoints, facts)
-    _print_result(
-        facts | _loss(original, model.gaussians(), aside, pixels, seed, path, reading), json
-    )
+    facts |= _loss(original, model.gaussians(), aside, pixels, seed, path, reading)
+    _print_result(facts, json)
 
 
 def _print_steps(checkpoints: Checkpoints, facts: dict):
