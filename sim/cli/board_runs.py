@@ -118,8 +118,8 @@ def render_command(
     found = differences(frame.pixels, engines.truths(source, job.model, view))
     rate = clock / max(frame.preprocessing, frame.rendering)
     same = f"{wrong} pixels differ from" if wrong else "identical to"
-    line = f"{output}: {same} the golden model; against the reference: {metrics_line(found)}"
-    console.print(line, soft_wrap=True)
+    text = f"{output}: {same} the golden model; against the reference: {metrics_line(found)}"
+    console.print(text, soft_wrap=True)
     console.print(
         f"{frame.preprocessing} cycles of preprocessing, {frame.rendering} of rendering: "
         f"{rate:.1f} frames per second at {clock / 1e6:g} MHz; {seconds:.1f} s with all transfers",

@@ -42,9 +42,9 @@ def pictured(cameras: list[Camera], size: str | None, path: str) -> list[Camera]
     for camera in cameras:
         for name in ("width", "height"):
             if (side := getattr(camera, name)) > SIZE_MAX:
-                size = f"{name} {side} of camera {camera.name}"
+                which = f"{name} {side} of camera {camera.name}"
                 where = size_file(path) if os.path.exists(path) else path
-                raise InputError(f"{where}: {size} is not in 1 … {SIZE_MAX} (see --size)")
+                raise InputError(f"{where}: {which} is not in 1 … {SIZE_MAX} (see --size)")
     return cameras
 
 

@@ -184,7 +184,7 @@ def test_training_with_antialiasing(photographs, tmp_path, antialiased, monkeypa
 @pytest.mark.parametrize(
     "options, message",
     (
-        (["--schedule", "0.4,x"], "--schedule '0.4,x': is not a list of shares"),
+        (["--schedule", "0.4,x"], "--schedule '0.4,x': must be shares"),
         (["--schedule", "1.2"], "--schedule: 1.2 is not in 0 … 1"),
         (["--max-drop", "1"], "--max-drop: needs photographs"),
         (["--target-ratio", "9999999"], "--target-ratio: allows"),

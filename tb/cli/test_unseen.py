@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
-from splatcore.sim.common.notes import printed
+from splatcore.sim.common.notes import printing
 from splatcore.sim.common.source import Source
 from splatcore.sim.common.unseen import before_near, near_note, note_empty
 from splatcore.spec.camera import Camera
@@ -45,7 +45,7 @@ def test_gaussians_in_front_of_the_near_plane_are_counted():
 
 
 def test_an_empty_picture_names_near_plane_camera_and_extent(capsys):
-    with printed():
+    with printing():
         note_empty(source(), camera(), {"visible": 1})
         note_empty(source([1, 2]), camera(near=3.0), {"splats": 0})
     found = capsys.readouterr().err

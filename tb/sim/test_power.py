@@ -209,7 +209,7 @@ def test_command(monkeypatch, tmp_path, capsys):
     assert run(*asked) == 0
     assert "800000.0 frames per second" in capsys.readouterr().out
     for options, why in (
-        (("--fps", "800001"), "--fps 800001: is more than 800000.0"),
+        (("--fps", "800001"), "--fps 800001: is above 800000.0"),
         (("--fps", "0"), "--fps 0: must be above 0"),
         (("--liberty", "a.lib"), "--liberty a.lib: goes with --process only"),
         (("--process", "130"), "--process 130.0: goes with --liberty only"),
