@@ -208,7 +208,7 @@ def test_without_kept_results(tmp_path, monkeypatch, capsys):
     """Without kept results the command fails with one line and writes nothing."""
     monkeypatch.setattr("splatcore.sim.report.kept.FOLDER", tmp_path / "nowhere")
     assert run("report", "-o", str(tmp_path / "out")) == 2
-    assert "nowhere: the kept results are not there" in capsys.readouterr().err
+    assert "nowhere: folder does not exist; use --results" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
