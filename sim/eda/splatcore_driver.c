@@ -1,15 +1,21 @@
 /* Driver of Splatcore; splatcore_driver.h explains its functions. Apache-2.0. */
 #include "splatcore_driver.h"
 
+/* Clear all events and ERROR; events first, so that an error that follows sets its bit again. */
+static void clear(void *device)
+{
+    splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK);
+    splatcore_write(device, SPLATCORE_ERROR, 0);
+}
+
 int32_t splatcore_open(void *device)
 {
     if (splatcore_read(device, SPLATCORE_ID) != SPLATCORE_ID_VALUE ||
         splatcore_read(device, SPLATCORE_VERSION) != SPLATCORE_VERSION_VALUE ||
         splatcore_read(device, SPLATCORE_PICTURE_MAX) != SPLATCORE_PICTURE_MAX_VALUE)
         return SPLATCORE_NO_DEVICE;
-    splatcore_write(device, SPLATCORE_ERROR, 0);
-    splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK);
-    splatcore_write(device, SPLATCORE_INTERRUPT_ENABLE, SPLATCORE_INTERRUPT_MASK);
+    splatcore_write(device, SPLATCORE_INTERRUPT_ENABLE, 0);
+    clear(device);
     return 0;
 }
 
@@ -22,12 +28,16 @@ static int32_t timeout(void *device)
 
 int32_t splatcore_ready(void *device, uint32_t pauses)
 {
-    while (!(splatcore_read(device, SPLATCORE_STATUS) & SPLATCORE_STATUS_READY)) {
+    splatcore_write(device, SPLATCORE_INTERRUPT_ENABLE, SPLATCORE_INTERRUPT_READY);
+    for (;;) {
+        /* Clear before STATUS is read: if READY rises after the read, the bit is set again. */
+        splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_READY);
+        if (splatcore_read(device, SPLATCORE_STATUS) & SPLATCORE_STATUS_READY)
+            return 0;
         if (pauses-- == 0)
             return timeout(device);
         splatcore_pause(device);
     }
-    return 0;
 }
 
 /* Write an address to its register, or to its two registers. */
@@ -72,16 +82,23 @@ int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
     return 0;
 }
 
+/* Return and clear ERROR. Its bit in INTERRUPT is cleared first, so that a later error sets the bit
+ * again; if that error precedes the write of ERROR, the next call finds ERROR to be 0. */
+static int32_t take_error(void *device)
+{
+    splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_ERROR);
+    uint32_t error = splatcore_read(device, SPLATCORE_ERROR);
+    splatcore_write(device, SPLATCORE_ERROR, error);
+    return (int32_t)(error ? error : SPLATCORE_ERROR_UNKNOWN);
+}
+
 int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses)
 {
+    splatcore_write(device, SPLATCORE_INTERRUPT_ENABLE, events | SPLATCORE_INTERRUPT_ERROR);
     for (;;) {
         uint32_t now = splatcore_read(device, SPLATCORE_INTERRUPT);
-        if (now & SPLATCORE_INTERRUPT_ERROR) {
-            uint32_t error = splatcore_read(device, SPLATCORE_ERROR);
-            splatcore_write(device, SPLATCORE_ERROR, error);
-            splatcore_write(device, SPLATCORE_INTERRUPT, now);
-            return (int32_t)error;
-        }
+        if (now & SPLATCORE_INTERRUPT_ERROR)
+            return take_error(device);
         if (now & events) {
             splatcore_write(device, SPLATCORE_INTERRUPT, now & events);
             return 0;
@@ -109,7 +126,7 @@ int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
 {
     for (;;) {
         int32_t failed = splatcore_ready(device, pauses);
-        splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK);
+        clear(device);
         if (!failed)
             failed = splatcore_start(device, memory, view);
         if (!failed)

@@ -17,6 +17,10 @@ void splatcore_write(void *device, uint32_t address, uint32_t value); /* write a
 uint32_t splatcore_read(void *device, uint32_t address); /* read a register */
 void splatcore_pause(void *device); /* wait until the interrupt is high, for a limited time */
 
+/* The interrupt is high while INTERRUPT has a bit that INTERRUPT_ENABLE has too. Each function that
+ * waits sets INTERRUPT_ENABLE to the bits that it waits for, so that no other event ends its pauses
+ * early; events that it does not wait for stay in INTERRUPT. */
+
 /* Functions return 0 for success; the value of ERROR (from the lowest bit: code, detail, one bit
  * per half that has aborted a frame); or one of these, which are never values of ERROR. */
 enum splatcore_failure {
@@ -45,17 +49,25 @@ struct splatcore_view {
     uint32_t words[SPLATCORE_VIEW_WORDS];
 };
 
-/* Check that the device is the machine of splatcore.h; enable its interrupts. */
+/* Returned if the bit ERROR of INTERRUPT is set but ERROR is 0. A write clears all of ERROR, so an
+ * error that occurs while the driver reads and clears an earlier one may lose its code. Each half
+ * may have aborted a frame; the value returned before may already include this error. */
+#define SPLATCORE_ERROR_UNKNOWN \
+    (SPLATCORE_ERROR_PREPROCESSING | SPLATCORE_ERROR_RENDERING)
+
+/* Check that the device is the machine of splatcore.h; clear its events and ERROR, and disable its
+ * interrupts, which the functions that wait enable. */
 int32_t splatcore_open(void *device);
 
-/* Wait for READY in STATUS, for at most `pauses` pauses. */
+/* Wait for READY in STATUS, for at most `pauses` pauses; of INTERRUPT, clear only READY. */
 int32_t splatcore_ready(void *device, uint32_t pauses);
 
 /* Start a frame; READY in STATUS must be high. */
 int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
                         const struct splatcore_view *view);
 
-/* Wait for one of the bits `events` of INTERRUPT, for at most `pauses` pauses. */
+/* Wait for one of the bits `events` of INTERRUPT, for at most `pauses` pauses, and clear those set.
+ * An error ends the wait too: then ERROR and its bit are cleared, and other events stay. */
 int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses);
 
 /* Wait until FINISHED, the number of complete frames modulo 2^16, reaches `frames`, with at most
@@ -64,7 +76,8 @@ int32_t splatcore_wait(void *device, uint32_t events, uint32_t pauses);
 int32_t splatcore_finished(void *device, uint32_t frames, uint32_t pauses);
 
 /* Render one frame into memory->image. If the lists need more than memory->pages pages, it is set
- * to the number needed, up to pages_max, and the frame is started again. */
+ * to the number needed, up to pages_max, and the frame is started again. No other frame may be in
+ * flight: earlier events and errors are cleared. */
 int32_t splatcore_frame(void *device, struct splatcore_memory *memory,
                         const struct splatcore_view *view, uint32_t pages_max, uint32_t pauses);
 

@@ -17,6 +17,7 @@ from splatcore.spec.memory import HEADER
 from splatcore.spec.record import Array
 from splatcore.spec.registers import START, ErrorCode, addresses, register_map
 from splatcore.spec.work import scratch_bytes, stride, work
+from tb.helpers.driver_host import MAIN
 from tb.helpers.ports import MAPS
 
 COMPILE = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
@@ -24,57 +25,6 @@ COMPILE = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 NO_DEVICE, NO_FRAME, TIMEOUT = -1, -2, -3
 
 PLACES = ("MODEL", "GROUPS", "SCRATCH", "PIXELS")
-
-MAIN = """\
-#include <stdio.h>
-#include "splatcore_camera.h"
-struct machine { uint32_t id, version, ready_after, frame_after, need, error, started; };
-void splatcore_write(void *device, uint32_t address, uint32_t value)
-{
-    struct machine *machine = device;
-    printf("%u %u\\n", address, value);
-    if (address == SPLATCORE_CONTROL && value == SPLATCORE_CONTROL_START) machine->started = 1;
-}
-uint32_t splatcore_read(void *device, uint32_t address)
-{
-    struct machine *machine = device;
-    switch (address) {
-    case SPLATCORE_ID: return machine->id;
-    case SPLATCORE_VERSION: return machine->version;
-    case SPLATCORE_PICTURE_MAX: return SPLATCORE_PICTURE_MAX_VALUE;
-    case SPLATCORE_STATUS: return machine->ready_after ? 0 : SPLATCORE_STATUS_READY;
-    case SPLATCORE_INTERRUPT:
-        if (!machine->started || machine->frame_after) return 0;
-        if (machine->need || machine->error) return SPLATCORE_INTERRUPT_ERROR;
-        return SPLATCORE_INTERRUPT_FRAME;
-    case SPLATCORE_ERROR: return machine->need ? SPLATCORE_ERROR_PAGES : machine->error;
-    case SPLATCORE_NEEDED: { uint32_t found = machine->need; machine->need = 0; return found; }
-    }
-    return 0;
-}
-void splatcore_pause(void *device)
-{
-    struct machine *machine = device;
-    if (machine->ready_after) machine->ready_after--;
-    else if (machine->started && machine->frame_after) machine->frame_after--;
-}
-int main(void)
-{
-    const uint8_t model[] = {@MODEL@};
-    const struct splatcore_camera camera = {@CAMERA@};
-    const double background[3] = {0, 0.5, 1};
-    struct splatcore_memory memory = {@MEMORY@, 7, 100};
-    struct machine machine = {@MACHINE@};
-    struct splatcore_view view;
-    int32_t failed = splatcore_open(&machine);
-    if (!failed) {
-        splatcore_look(&view, &camera, model, background);
-        failed = splatcore_frame(&machine, &memory, &view, 20, 5);
-    }
-    printf("%d\\n", (int)failed);
-    return 0;
-}
-"""
 
 
 @pytest.fixture(params=MAPS, ids=lambda config: config.name)
@@ -104,10 +54,19 @@ def camera(seed: int) -> Camera:
     return Camera(64, 48, *focal, *centre, rotation, random.normal(0, 30, 3), "", near)
 
 
-def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machine: int) -> str:
+def example(
+    config,
+    view: Camera,
+    exponents: tuple[int, int] = (-8, 0),
+    calls: str = "failed = splatcore_frame(&machine, &memory, &view, 20, 5);",
+    **machine: int,
+) -> str:
     """Return a C host that prints each register write, then the driver's result.
 
-    machine: changed fields of the simulated machine; without them the frame succeeds
+    calls: the host's statements after it has opened the driver
+    machine: changed fields of the simulated machine; without them the frame succeeds. In pauses:
+        ready_after, from the opening to READY; points and frame_after, from START to READY and to
+        the frame's end
     """
     values = {"position_exponent": exponents[0], "factor_exponent": exponents[1]}
     codes = {
@@ -120,9 +79,10 @@ def example(config, view: Camera, exponents: tuple[int, int] = (-8, 0), **machin
     text = ", ".join(str(v) if isinstance(v, int) else float(v).hex() for v in numbers)
     text += f", {{{', '.join(braces[:3])}}}, {braces[3]}, {float(view.near).hex()}"
     given = {"id": "SPLATCORE_ID_VALUE", "version": "SPLATCORE_VERSION_VALUE", "ready_after": 2}
-    given |= {"frame_after": 5, "need": 0, "error": 0} | machine
+    given |= {"points": 2, "frame_after": 5, "need": 0, "error": 0} | machine
     image = ", ".join(map(str, HEADER.pack(codes)[0]))
-    main = MAIN.replace("@MACHINE@", ", ".join([*map(str, given.values()), "0"]))
+    main = MAIN.replace("@MACHINE@", ", ".join([*map(str, given.values()), *"0000000"]))
+    main = main.replace("@CALLS@", calls)
     main = main.replace("@MEMORY@", ", ".join(map(hex, places(config).values())))
     return main.replace("@MODEL@", image).replace("@CAMERA@", text)
 
@@ -200,6 +160,42 @@ def test_failures_are_returned(name, tmp_path):
     assert lines if expected != NO_DEVICE else not lines
     if expected > 0:
         assert (addresses(TINY)["ERROR"], expected) in lines
+
+
+WAIT = 'printf("%d\\n", (int)splatcore_wait(&machine, SPLATCORE_INTERRUPT_FRAME, 0));'
+
+
+def results(folder: Path, name: str, *calls: str, **machine: int) -> list[int]:
+    """Return the results that a host with these calls prints."""
+    write_register_files(TINY, folder)
+    lines = run(folder, name, example(TINY, camera(0), calls="\n".join(calls), **machine))
+    return [line[0] for line in lines if len(line) == 1]
+
+
+@pytest.mark.parametrize("points", [1, 4, 5])
+def test_ready_does_not_end_the_pauses_of_a_wait_for_the_frame(points, tmp_path):
+    write_register_files(TINY, tmp_path)
+    *_, (failed,) = run(tmp_path, "early", example(TINY, camera(0), points=points))
+    assert failed == 0
+
+
+@pytest.mark.parametrize("event", ["READY", "FRAME", "ERROR"])
+def test_pending_events_do_not_end_the_pauses_of_ready_and_stay(event, tmp_path):
+    pending = (
+        f"machine.interrupt = SPLATCORE_INTERRUPT_{event}; machine.held = {int(event == 'ERROR')};"
+    )
+    ready = "failed = splatcore_ready(&machine, 3);"
+    *waits, failed = results(tmp_path, "pending", pending, ready, WAIT, ready_after=3)
+    assert failed == 0
+    assert waits == [{"READY": TIMEOUT, "FRAME": 0, "ERROR": ErrorCode.START}[event]]
+
+
+@pytest.mark.parametrize(("after", "second"), [("read", 0x30000), ("write", 0x1000B)])
+def test_an_error_while_the_driver_clears_another_one_is_not_lost(after, second, tmp_path):
+    """Nor is a pending FRAME. The code is lost if the error precedes the write of ERROR."""
+    pending = "machine.interrupt = SPLATCORE_INTERRUPT_FRAME; fail(&machine, 0x2060A);"
+    late = f"machine.late = 0x1000B; machine.late_after = {1 + (after == 'write')};"
+    assert results(tmp_path, after, pending, late, *[WAIT] * 3) == [0x2060A, second, 0, 0]
 
 
 @pytest.mark.parametrize("side", ["width", "height"])
