@@ -39,7 +39,9 @@ def test_a_broken_coded_file(folder, capsys):
     capsys.readouterr()
     for command in ("info", "cycles", "render -o a.png"):
         assert run(f"{command} cut.splatcore") == 2
-        assert re.fullmatch(r"error: cut\.splatcore: .* only \d+ are left\n", capsys.readouterr().err)
+        assert re.fullmatch(
+            r"error: cut\.splatcore: .* only \d+ are left\n", capsys.readouterr().err
+        )
 
 
 def test_bench_coding(folder, capsys):
