@@ -48,6 +48,9 @@ OutputOption = option(
 
 WHOLE = "/"  # key of the pictures of the original scene: no image has this name
 
+MEANING = {"machine": "the packed model", "scene": "the original scene"}
+"""What the reference renders for the rows of golden and rtl."""
+
 COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
 """Columns of a table of cameras."""
 
@@ -101,11 +104,15 @@ def compare_command(
         note_empty(source, view, counts or {"visible": True})
     found = compared(images, drawn, config.name, scene, camera, mark)
     truth = (results := [result for result, _ in found])[0].against
-    table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
+    heading = f"against {images[0]}"
+    table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=heading)
     for result, rows in found:
         for name, one in rows.items():
             table.add_row(result.engine, name, *cells(one))
     console.print(table)
+    if names := [name for name in MEANING if any(name in rows for _, rows in found)]:
+        lines = (f"{name}: reference on {MEANING[name]}" for name in names)
+        console.print("; ".join(lines), soft_wrap=True)
     if mark:
         console.print(describe.antialiased_line(source), soft_wrap=True)
     if output:
@@ -135,7 +142,7 @@ def compared(
         about = text, preset, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
         facts = asdict(metrics) | against(found) | mark
         result = Compared(*about, **facts, identical=metrics.identical)
-        results.append((result, found or {first: metrics}))
+        results.append((result, found or {truth: metrics}))
     return results
 
 
