@@ -104,7 +104,9 @@ def _notes(scene: Scene) -> tuple[str, ...]:
         ),
     }
     return tuple(
-        f"{count} {kind.format(s='s' * (count > 1))}" for kind, count in counts.items() if count
+        f"{count} {kind.format(s='' if count == 1 else 's')}"
+        for kind, count in counts.items()
+        if count
     )
 
 

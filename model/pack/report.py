@@ -52,7 +52,7 @@ class PackReport:
             "off by more than {their} size, because positions are too far apart": self.coarse,
         }
         lines = [
-            f"{count} Gaussian{'s' * (count > 1)} "
+            f"{count} Gaussian{'' if count == 1 else 's'} "
             + fate.format(their="its" if count == 1 else "their")
             for fate, count in counts.items()
             if count

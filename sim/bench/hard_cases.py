@@ -236,5 +236,5 @@ def check_left_out(outcome: Outcome, case: HardCase):
     wanted, found = int((~sound).sum()), outcome.left_out["not_finite"]
     if found != wanted:
         outcome.failures.append(
-            f"{found} Gaussian{'s' * (found != 1)} dropped for NaN or Inf, but {wanted} have one"
+            f"{found} Gaussian{'' if found == 1 else 's'} dropped for NaN or Inf, but {wanted} have one"
         )

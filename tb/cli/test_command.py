@@ -12,6 +12,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.commands import COMMANDS
 from splatcore.sim.cli.main import GROUPS, register
 from splatcore.sim.cli.options import app
+from splatcore.sim.cli.pack import parts_table
 from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, metrics_line
 from splatcore.sim.common.picture import read_png
@@ -104,6 +105,11 @@ def test_pack_render_compare(folder, capsys):
     assert "identical" in capsys.readouterr().out
 
 
+def test_dropped_harmonics_are_named():
+    table = parts_table({"colour": 2.0, "degree 1": 1.0}, {"degree 1": 50.0, "degree 2": 25.7})
+    assert list(table.columns[0].cells) == ["colour", "degree 1", "degree 2 (dropped)"]
+
+
 def test_against_model_and_scene(folder, capsys):
     """`render`, `compare` and `cycles` report both PSNRs for a scene, one for a packed model."""
     view = "--camera cameras.json --json"
@@ -142,9 +148,9 @@ def test_against_model_and_scene(folder, capsys):
     assert of_scene | against(wanted) == of_scene
     assert of_model | against({"machine": wanted["machine"]}) == of_model
     assert "psnr_db_scene" not in of_model
-    rows = [
-        line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" dB, ")
-    ]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith(" FPS at 800 MHz ")]
+    rows = [line.split() for line in lines if line.startswith(" dB, ")]
     db = {of: f"{wanted[of].psnr_db:.2f}" for of in wanted}
     assert rows == [["dB,", "machine", db["machine"], db["machine"]],
                     ["dB,", "scene", db["scene"], "–"]]  # fmt: skip
