@@ -1,5 +1,6 @@
 """Main commands end to end: files and JSON keys written, one-line errors, exit status, imports."""
 
+import re
 import subprocess
 import sys
 
@@ -12,7 +13,6 @@ from splatcore.model.formats.read import read_scene
 from splatcore.sim.cli.commands import COMMANDS
 from splatcore.sim.cli.main import GROUPS, register
 from splatcore.sim.cli.options import app
-from splatcore.sim.cli.pack import parts_table
 from splatcore.sim.cli.verilog import PARTS
 from splatcore.sim.common.metric import Compared, Result, against, difference, metrics_line
 from splatcore.sim.common.picture import read_png
@@ -105,9 +105,13 @@ def test_pack_render_compare(folder, capsys):
     assert "identical" in capsys.readouterr().out
 
 
-def test_dropped_harmonics_are_named():
-    table = parts_table({"colour": 2.0, "degree 1": 1.0}, {"degree 1": 50.0, "degree 2": 25.7})
-    assert list(table.columns[0].cells) == ["colour", "degree 1", "degree 2 (dropped)"]
+def test_dropped_harmonics_are_named(folder, capsys):
+    options = "--quality compact --camera cameras.json"
+    assert run(f"pack scene.ply --sh-degree 0 -o a.splatcore {options} --json a.json") == 0
+    assert re.search(r"^ degree 1 \(dropped\) +0\.00 +\d", capsys.readouterr().out, re.M)
+    assert "degree 1" in load(folder / "a.json")["psnr_db_packing_by_part"]
+    assert run(f"pack scene.ply -o a.splatcore {options}") == 0
+    assert "dropped" not in capsys.readouterr().out
 
 
 def test_against_model_and_scene(folder, capsys):

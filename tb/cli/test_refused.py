@@ -109,7 +109,7 @@ BAD = {
     "bench ablation -o out garden --rtl scene.splatcore --quality small": "is packed already",
     "info less.ply": "less.ply.*rot_3",
     "info gardn": "gardn: No such file or directory, and no generated scene has this name",
-    "render scene.ply --camera 10 -o a.png": "10: no such file; a camera of FILE is FILE:10",
+    "render scene.ply --camera 10 -o a.png": "10: no such file; camera 10 of FILE is FILE:10",
     "pack cut.ply -o a.splatcore": "cut.ply",
     "pack scene.splatcore -o a.splatcore": "scene.splatcore.*packed",
     "photographs none.ply -o a": "none.ply",
