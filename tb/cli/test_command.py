@@ -1,6 +1,5 @@
 """Main commands end to end: files and JSON keys written, one-line errors, exit status, imports."""
 
-import re
 import subprocess
 import sys
 
@@ -103,15 +102,6 @@ def test_pack_render_compare(folder, capsys):
     images = load(folder / "three.json")["images"]
     assert [image["identical"] for image in images] == [True, True]
     assert "identical" in capsys.readouterr().out
-
-
-def test_dropped_harmonics_are_named(folder, capsys):
-    options = "--quality compact --camera cameras.json"
-    assert run(f"pack scene.ply --sh-degree 0 -o a.splatcore {options} --json a.json") == 0
-    assert re.search(r"^ degree 1 \(dropped\) +0\.00 +\d", capsys.readouterr().out, re.M)
-    assert "degree 1" in load(folder / "a.json")["psnr_db_packing_by_part"]
-    assert run(f"pack scene.ply -o a.splatcore {options}") == 0
-    assert "dropped" not in capsys.readouterr().out
 
 
 def test_against_model_and_scene(folder, capsys):
