@@ -27,7 +27,7 @@ def passes(stream: stream.Interface) -> Value:
 def judged(m: Module, offer: stream.Interface, keep: Value) -> tuple[Signal, Signal]:
     """Registered keep/drop decision for an offered item, one cycle late, with its valid bit.
 
-    offer: its consumer waits for the decision, which gives `keep` a full cycle
+    offer: its item must stay offered one more cycle, so `keep` has a whole cycle to settle
     keep: the decision, combinational from the offer
     Returns the decision and its valid bit.
     """
@@ -74,7 +74,7 @@ class Register(wiring.Component):
 class Slot(wiring.Component):
     """One register that cuts every path between `i` and `o`, for rare items.
 
-    `i.ready` is a flip-flop, so that much logic may depend on it.
+    `i.ready` is a flip-flop, so it can drive long combinational logic.
 
     Members:
         i: in, stream of `shape`

@@ -66,7 +66,8 @@ def read_camera(text: str, size: Size | None = None) -> Camera:
     """
     path, camera_id = split_id(text)
     if not os.path.exists(path):
-        raise input_error(text, "no such file")
+        hint = f"; camera {text} of FILE is FILE:{text}" if re.fullmatch(r"\w+", text) else ""
+        raise input_error(text, f"no such file{hint}")
     named = read_named(path, size)
     return named[0][0] if camera_id is None else _find(named, camera_id, path)
 

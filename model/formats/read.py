@@ -95,15 +95,19 @@ def _notes(scene: Scene) -> tuple[str, ...]:
     low, high = NORM_RANGE
     odd = (norm > 0) & ((norm < low) | (norm > high))
     counts = {
-        "Gaussians with NaN or Inf": len(scene) - len(kept),
-        "quaternions of norm 0": np.sum(norm == 0),
-        f"quaternions of a norm outside {low:g} … {high:g}": np.sum(odd),
-        "transparent Gaussians (opacity below 1/255)": np.sum(kept.opacity < ALPHA_MIN),
-        f"Gaussians with colours from {COLOUR_MAX:g} on, which saturate in the machine": (
+        "Gaussian{s} with NaN or Inf": len(scene) - len(kept),
+        "quaternion{s} of norm 0": np.sum(norm == 0),
+        f"quaternion{{s}} of a norm outside {low:g} … {high:g}": np.sum(odd),
+        "transparent Gaussian{s} (opacity below 1/255)": np.sum(kept.opacity < ALPHA_MIN),
+        f"Gaussian{{s}} with colours from {COLOUR_MAX:g} on, which saturate in the machine": (
             _saturating(kept.sh)
         ),
     }
-    return tuple(f"{count} {kind}" for kind, count in counts.items() if count)
+    return tuple(
+        f"{count} {kind.format(s='' if count == 1 else 's')}"
+        for kind, count in counts.items()
+        if count
+    )
 
 
 def _saturating(sh: np.ndarray) -> int:

@@ -232,5 +232,6 @@ def _higher(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     if not (lost := int((labels >= count).sum())):
         return higher, ()
     higher[labels >= count] = 0
-    note = f"{lost} Gaussians have a label beyond the {count} centroids"
-    return higher, (f"{note}: their harmonics are 0",)
+    some, their = ("Gaussian has", "its") if lost == 1 else ("Gaussians have", "their")
+    note = f"{lost} {some} a label beyond the {count} centroids"
+    return higher, (f"{note}: {their} harmonics are 0",)

@@ -29,7 +29,8 @@ def read(path: str | os.PathLike) -> Scene:
     colour = record["colour"].astype(np.float64) / 255
     # A negative scale gives the covariance of its absolute value.
     negative = int((record["scale"] < 0).any(axis=1).sum())
-    notes = (f"{negative} Gaussians with a negative scale, sign dropped",) if negative else ()
+    s = "s" * (negative > 1)
+    notes = (f"{negative} Gaussian{s} with a negative scale, sign dropped",) if negative else ()
     quaternion = (record["quaternion"].astype(np.float64) - 128) / 128
     sh, scale = ((colour[:, :3] - 0.5) / SH_C0)[:, None, :], np.abs(record["scale"])
     return Scene(record["position"], scale, quaternion, colour[:, 3], sh, os.fspath(path), notes)

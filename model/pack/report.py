@@ -46,12 +46,17 @@ class PackReport:
         """Lines for the user about Gaussians that are stored inexactly or not at all."""
         counts = {
             "with NaN, Inf or beyond float32, left out": self.not_finite,
-            "far outside the scene, stored in chunks of their own": self.floaters,
+            "far outside the scene, stored in chunks of {their} own": self.floaters,
             "of these moved nearer and shrunk in proportion": self.moved,
             "too large for the model's number format, clipped": self.clipped,
-            "off by more than their size, because positions are too far apart": self.coarse,
+            "off by more than {their} size, because positions are too far apart": self.coarse,
         }
-        lines = [f"{count} Gaussians {fate}" for fate, count in counts.items() if count]
+        lines = [
+            f"{count} Gaussian{'' if count == 1 else 's'} "
+            + fate.format(their="its" if count == 1 else "their")
+            for fate, count in counts.items()
+            if count
+        ]
         errors = enumerate([self.colour_error, *self.sh_error])
         lost = ", ".join(f"{error:.3g} of degree {d}" for d, error in errors if error > 1)
         if lost:

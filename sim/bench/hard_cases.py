@@ -235,4 +235,5 @@ def check_left_out(outcome: Outcome, case: HardCase):
         sound &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
     wanted, found = int((~sound).sum()), outcome.left_out["not_finite"]
     if found != wanted:
-        outcome.failures.append(f"{found} Gaussians dropped for NaN or Inf, but {wanted} have one")
+        dropped = f"{found} Gaussian{'' if found == 1 else 's'} dropped"
+        outcome.failures.append(f"{dropped} for NaN or Inf, but {wanted} have one")

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import typer
 
-from splatcore.model.pack.quality import QUALITIES
-from splatcore.sim.cli.options import OUTPUT, SCENE, App, app, argument, option
+from splatcore.sim.cli.options import OUTPUT, SCENE, App, app, argument, check_quality, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
 from splatcore.sim.common.reading import AS_STATED, Reading
 from splatcore.sim.common.size import parse_size
-from splatcore.sim.common.source import VIEW_SIZE, View, check_fits, check_known, check_source
+from splatcore.sim.common.source import VIEW_SIZE, View, check_fits, check_source
 from splatcore.spec.config import Config
 
 bench = App("bench", no_args_is_help=True, help="Measure many scenes or machines in one run.")
@@ -23,7 +22,11 @@ ScenesArgument = argument(
     list[str] | None, "SCENE …", "Scenes. Default: all in the folder SPLATCORE_SCENES."
 )
 CamerasOption = option(
-    str | None, "ID,ID,…", "Cameras. Default: the first of each scene, and more.", panel=SCENE
+    str | None,
+    "ID,ID,…",
+    "Cameras in the file next to each scene. Default: the first; for kitchen.spz also "
+    "kitchen_inside_0 and kitchen_inside_150.",
+    panel=SCENE,
 )
 PixelsOption = option(str, "WxH", "Pixels of the pictures.", "--size", panel=SCENE)
 SchedulerOption = option(
@@ -46,8 +49,7 @@ def look(
     for config in machines:
         check_fits(config, *parse_size(size))
     size = "x".join(map(str, parse_size(size)))
-    if quality is not None:
-        check_known("--quality", QUALITIES, quality)
+    check_quality(quality, *(scene or ()))
     for text in scene or ():
         check_source(text, reading)
     from splatcore.sim.bench.scenes import views
@@ -60,6 +62,7 @@ def look(
 def view_of(text: str, size: str, quality: str | None = None, reading: Reading = AS_STATED) -> View:
     """Return the view that SCENE[:ID] names."""
     scene, _, camera = text.partition(":")
+    check_quality(quality, scene)
     return View(scene, camera, size, quality=quality, reading=reading)
 
 

@@ -1,16 +1,29 @@
 """The command `bench rule`: faintness rules, cycles against error."""
 
+from dataclasses import replace
+
+from splatcore.model.formats.model_file import is_packed
+from splatcore.model.pack.quality import COMPACT, QUALITIES
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import (
+    MACHINE,
     AntialiasedOption,
     AxesOption,
     NearOption,
     PresetOption,
-    QualityOption,
+    option,
 )
 from splatcore.sim.common.reading import Reading
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.spec.preset import find_preset
+
+QualityOption = option(
+    str | None,
+    "NAME",
+    f"Packing of the scenes: {', '.join(QUALITIES)}. Default: {COMPACT}.",
+    "--quality",
+    panel=MACHINE,
+)
 
 
 @bench.bench.command("rule")
@@ -22,7 +35,7 @@ def rule_command(
     antialiased: AntialiasedOption = None,
     axes: AxesOption = None,
     near: NearOption = None,
-    quality: QualityOption = "compact",
+    quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
 ):
@@ -40,6 +53,10 @@ def rule_command(
     found = bench.look(
         output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
     )
+    found = [
+        view if view.quality or is_packed(view.scene) else replace(view, quality=COMPACT)
+        for view in found
+    ]
     facts = measure_rules(config, found, output, scheduler)
     rows = {name: cells(summary) for name, summary in facts["rules"].items()}
     if rows:

@@ -6,6 +6,7 @@ from rich.table import Table
 from splatcore.sim.cli import bench
 from splatcore.sim.cli.options import (
     MACHINE,
+    SCENE,
     AntialiasedOption,
     AxesOption,
     NearOption,
@@ -31,6 +32,13 @@ PointOption = option(
 ListOption = option(bool, None, "List the machines and exit.", "--list", panel=MACHINE)
 ConfirmOption = option(
     str | None, "SCENE[:ID]", "Also simulate the machines of the Pareto front on this view in RTL."
+)
+EveryCameraOption = option(
+    str | None,
+    "ID,ID,…",
+    "Cameras in the file next to each scene. Default: all.",
+    "--cameras",
+    panel=SCENE,
 )
 RtlOption = option(
     list[str] | None, "SCENE[:ID]", "Also simulate all steps on this view in RTL.", "--rtl"
@@ -177,7 +185,7 @@ def ablation_command(
 def work_command(
     output: bench.FolderOption,
     scene: bench.ScenesArgument = None,
-    cameras: bench.CamerasOption = None,
+    cameras: EveryCameraOption = None,
     size: bench.PixelsOption = bench.SIZE,
     antialiased: AntialiasedOption = None,
     axes: AxesOption = None,

@@ -77,7 +77,8 @@ COMMANDS = {
         "garden --fps 200 --size 640x360 -o fitted.toml",
     ),
     "programs": Entry(
-        "programs", HARDWARE, "List the microprograms of stages 0 and 1.", "--show cull"
+        "programs", HARDWARE, "List the microprograms of stage 0 (cull) and stage 1 (project).",
+        "--show cull",
     ),
     "verilog": Entry(
         "verilog", HARDWARE, "Write the machine as Verilog, with the files that a flow needs.",
@@ -100,7 +101,8 @@ COMMANDS = {
         "--stage cull",
     ),
     "memories": Entry(
-        "sizes", HARDWARE, "List the on-chip memories of each stage, and the paper's.",
+        "sizes", HARDWARE,
+        "List the on-chip memories of each stage, and of Chang and Chang's paper.",
         "--preset tiny",
     ),
     "coverage": Entry(

@@ -48,6 +48,9 @@ OutputOption = option(
 
 WHOLE = "/"  # key of the pictures of the original scene: no image has this name
 
+MEANING = {"machine": "the packed model", "scene": "the original scene"}
+"""Gaussians that the reference renders, by the name of a row of golden or rtl."""
+
 COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
 """Columns of a table of cameras."""
 
@@ -101,11 +104,7 @@ def compare_command(
         note_empty(source, view, counts or {"visible": True})
     found = compared(images, drawn, config.name, scene, camera, mark)
     truth = (results := [result for result, _ in found])[0].against
-    table = Table("image", "against", "PSNR dB", "SSIM", "max error", title=f"against {truth}")
-    for result, rows in found:
-        for name, one in rows.items():
-            table.add_row(result.engine, name, *cells(one))
-    console.print(table)
+    print_errors(images[0], found)
     if mark:
         console.print(describe.antialiased_line(source), soft_wrap=True)
     if output:
@@ -135,8 +134,24 @@ def compared(
         about = text, preset, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
         facts = asdict(metrics) | against(found) | mark
         result = Compared(*about, **facts, identical=metrics.identical)
-        results.append((result, found or {first: metrics}))
+        results.append((result, found or {truth: metrics}))
     return results
+
+
+def print_errors(first: str, found: list[tuple[Compared, dict[str, Difference]]]):
+    """Print the result of `compared`.
+
+    first: the image that the others are compared with
+    """
+    headings = "image", "against", "PSNR dB", "SSIM", "max error"
+    table = Table(*headings, title=f"against {first}")
+    for result, rows in found:
+        for name, one in rows.items():
+            table.add_row(result.engine, name, *cells(one))
+    console.print(table)
+    if names := [name for name in MEANING if any(name in rows for _, rows in found)]:
+        lines = (f"{name}: reference on {MEANING[name]}" for name in names)
+        console.print("; ".join(lines), soft_wrap=True)
 
 
 def compared_view(source: Source, view: Camera, config: Config, quality: str | None) -> dict:

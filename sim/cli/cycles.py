@@ -3,14 +3,13 @@
 from itertools import takewhile
 from pathlib import Path
 
-from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import options, path
 from splatcore.sim.cli.bench import SchedulerOption
 from splatcore.sim.common import describe
 from splatcore.sim.common.metric import against, decibels, differences
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.reading import Reading
-from splatcore.sim.common.source import Source, View, check_fits, check_known
+from splatcore.sim.common.source import Source, View, check_fits
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.common.unseen import note_empty
 from splatcore.spec.camera import Camera
@@ -18,10 +17,13 @@ from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
+FPS = f"FPS at {CLOCK_HZ / 1e6:.0f} MHz"
+"""Label of the frames per second."""
+
 TRUTHS = ("machine", "scene")
 
 COLUMNS = {name: path.cell(name, scale=1000) for name in ("preprocessing", "rendering", "frame")}
-COLUMNS |= {"frames per second": path.cell("fps", form=".1f")} | path.ERRORS
+COLUMNS |= {FPS: path.cell("fps", form=".1f")} | path.ERRORS
 """Columns of a table of cameras."""
 
 SceneArgument = options.argument(
@@ -32,7 +34,7 @@ SceneArgument = options.argument(
 @options.app.command("cycles")
 def cycles_command(
     scene: SceneArgument,
-    camera: options.CameraOption = None,
+    camera: options.NextCameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,
@@ -48,10 +50,10 @@ def cycles_command(
     The cycle model uses the golden model's counts and agrees with the RTL within 3 % for each
     single stage; preprocessing and rendering include the latency of LPDDR4, not its bandwidth. The
     picture is compared with the reference's of the same packed model ("machine") and of the
-    original scene ("scene"). --cameras prints one row per camera, and minimum, mean and maximum.
+    original scene ("scene"). --cameras prints one row per camera, and minimum, mean and maximum;
+    the default quality is then chosen from up to four of the cameras.
     """
-    if quality is not None:
-        check_known("--quality", QUALITIES, quality)
+    options.check_quality(quality, *scene)
     path.check(camera, cameras, scheduler)
     config, facts = find_preset(preset), {}
     reading = Reading(antialiased, axes, near)
@@ -78,7 +80,7 @@ def cycles_command(
     table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
     for name in takewhile(lambda key: key != "fps", next(iter(facts.values()))):
         table.add_row(name, *(shown(row[name], ",.0f", 1000) for row in facts.values()))
-    table.add_row("frames per second", *(f"{row['fps']:.1f}" for row in facts.values()))
+    table.add_row(FPS, *(f"{row['fps']:.1f}" for row in facts.values()))
     for name in TRUTHS:
         table.add_row(f"dB, {name}", *(decibels(row, name) for row in facts.values()))
     print_whole(table)

@@ -50,7 +50,7 @@ def fit_command(
     output: OutputOption,
     fps: FpsOption,
     psnr: PsnrOption = None,
-    camera: options.CameraOption = None,
+    camera: options.NextCameraOption = None,
     cameras: options.CamerasOption = None,
     size: options.SizeOption = None,
     antialiased: options.AntialiasedOption = None,

@@ -11,7 +11,8 @@ import typer
 from typer.core import TyperCommand
 
 from splatcore.model.formats.camera_file import split_id
-from splatcore.model.pack.quality import QUALITIES
+from splatcore.model.formats.model_file import is_packed
+from splatcore.model.pack.quality import LEAST_DB, QUALITIES, UNLEARNED
 from splatcore.sim.cli.commands import COMMANDS, GROUPS, example
 from splatcore.sim.common.output import (
     check_distinct,
@@ -19,7 +20,7 @@ from splatcore.sim.common.output import (
     check_writable,
     new_folders,
 )
-from splatcore.sim.common.source import ENGINES, camera_beside, scene_folder
+from splatcore.sim.common.source import ENGINES, camera_beside, check_known, scene_folder
 from splatcore.spec.camera import NEAR_LIMITS
 from splatcore.spec.config import PRESETS
 from splatcore.spec.convention import NEAR_PLANE
@@ -72,6 +73,18 @@ def check_type(option: str, path: Path, suffix: str):
         raise InputError(f"{option} {path}: must end in {suffix}")
 
 
+def check_quality(quality: str | None, *sources: str):
+    """Raise InputError for an unknown --quality, and for one that is given for a packed model.
+
+    sources: files of scenes and models, or names of generated scenes
+    """
+    if quality is None:
+        return
+    check_known("--quality", QUALITIES, quality)
+    for text in filter(is_packed, sources):
+        raise InputError(f"--quality {quality}: {text} is packed already")
+
+
 def inputs_of(parameters: dict[str, object]) -> Iterator[Path]:
     """Yield the files and folders that a command reads: those its parameters name, the camera files
     next to scenes, and the folder of scenes."""
@@ -113,8 +126,9 @@ app = App(
     help=flowing(
         """Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
 
-        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG) or the name of a
-        generated scene (see `splatcore scene --help`); MODEL is a packed model (.splatcore).
+        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG), the output folder of
+        INRIA's training, or the name of a generated scene (see `splatcore scene --help`); MODEL is
+        a packed model (.splatcore).
         """
     ),
 )
@@ -149,11 +163,23 @@ def option(
 
 SceneArgument = argument(str, "SCENE", "Scene file or generated scene.")
 SourceArgument = argument(str, "SCENE|MODEL", "Scene file, generated scene or packed model.")
+CAMERA = (
+    "Camera from a cameras.json, transforms.json or COLMAP model, or a folder with one; without ID "
+    "the first. Default: the first camera"
+)
+"""Help of --camera; the caller adds where the default is from."""
+
 CameraOption = option(
     str | None,
     "FILE[:ID]",
-    "Camera from a cameras.json, transforms.json or COLMAP model, or a folder with one; without ID "
-    "the first. Default: a generated view of the scene.",
+    f"{CAMERA} of a training folder, else a generated view.",
+    "--camera",
+    panel=SCENE,
+)
+NextCameraOption = option(
+    str | None,
+    "FILE[:ID]",
+    f"{CAMERA} of the camera file next to the scene, else a generated view.",
     "--camera",
     panel=SCENE,
 )
@@ -201,10 +227,14 @@ PresetOption = option(
     "--preset",
     panel=MACHINE,
 )
+SMALLEST = (
+    f"Default: the smallest of {', '.join(UNLEARNED)} that keeps {LEAST_DB:g} dB against the scene"
+)
+"""The quality that is chosen; the caller adds the views."""
 QualityOption = option(
     str | None,
     "NAME",
-    f"Packing of a scene: {', '.join(QUALITIES)}. Default: the smallest that is good enough.",
+    f"Packing of a scene: {', '.join(QUALITIES)}. {SMALLEST} in the view.",
     "--quality",
     panel=MACHINE,
 )

@@ -6,7 +6,7 @@ from functools import partial
 from rich.table import Table
 
 from splatcore.model.formats.model_file import file_bytes
-from splatcore.model.pack.quality import LEAST_DB, QUALITIES
+from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.common import describe
 from splatcore.sim.common.output import (
@@ -27,9 +27,8 @@ PSNR_MAX = 100.0  # more than 8-bit pictures can show
 QualityOption = options.option(
     str | None,
     "NAME",
-    f"{', '.join(QUALITIES)}: at most 14, 22, 38 or 54 bytes per Gaussian; small is for scenes "
-    "fine-tuned to the format. "
-    f"Default: the smallest of the others with {LEAST_DB:g} dB.",
+    "small (11.5 bytes per Gaussian; for scenes fine-tuned to it), compact (22), balanced (up to "
+    f"38) or faithful (up to 54). {options.SMALLEST} in every view.",
     "--quality",
     panel=options.MACHINE,
 )
@@ -63,8 +62,8 @@ def pack_command(
 ):
     """Pack a scene into a model for the machine, and measure the loss.
 
-    dB compare 8-bit pictures of the reference renderer, of the packed model and of the original
-    scene, in the worst view; then of the scene with one part packed at a time.
+    dB: the reference renderer's pictures of the packed model against those of the scene, in the
+    worst view. In the table, only one part of the scene is packed at a time.
 
     "bytes" is the size in memory, "file bytes" the size of the coded file. For a file to be loaded
     directly into DRAM, use --plain.
@@ -121,7 +120,8 @@ def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Tab
     """Return a table of bytes per Gaussian and dB by part."""
     table = new_table("part", ("bytes per Gaussian", "dB, packing"))
     for name in dict.fromkeys((*parts, *losses)):
-        db = losses.get(name)
+        db, size = losses.get(name), parts.get(name, 0)
         shown = "equal" if db is None else f"{db:.1f}"
-        table.add_row(name, f"{parts.get(name, 0):.2f}", shown if name in losses else "")
+        label = name if size or db is None else f"{name} (dropped)"
+        table.add_row(label, f"{size:.2f}", shown if name in losses else "")
     return table

@@ -28,7 +28,7 @@ ShowOption = option(str | None, "NAME", "Print the steps of this program and the
 def programs_command(
     show: ShowOption = None, preset: PresetOption = "DEFAULT", json: JsonOption = None
 ):
-    """List the microprograms of stages 0 and 1.
+    """List the microprograms of stage 0 (cull) and stage 1 (project).
 
     Prints the operations of each, its cycles per item, latency, registers and busy PEs.
     """

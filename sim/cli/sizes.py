@@ -121,7 +121,7 @@ def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed
 
 @app.command("memories")
 def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
-    """List the on-chip memories of each stage, and the paper's."""
+    """List the on-chip memories of each stage, and of Chang and Chang's paper."""
     config = find_preset(preset)
     headings = ("words", "bits", "count", "KB")
     table = new_table("stage", headings, f"preset {config.name}")
@@ -138,5 +138,5 @@ def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
     table.add_row("all", "", "", "", f"{total:.2f}")
     console.print(table)
     theirs = ", ".join(f"{name} {size}" for name, size in paper.MEMORIES.items())
-    console.print(f"The paper: {sum(paper.MEMORIES.values())} KB ({theirs}).")
+    console.print(f"The paper (Chang and Chang): {sum(paper.MEMORIES.values())} KB ({theirs}).")
     write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})

@@ -53,8 +53,8 @@ def synth_command(
     """Synthesise stages or primitives; print their size and depth.
 
     Size is in NAND2-equivalents, with flip-flops, without memories (listed in bits). Depth is the
-    number of gates on the longest path between registers; 800 MHz in 28 nm allows 40. Each part is
-    mapped for area and for speed.
+    number of gates on the longest path between registers; as a rough guide, 800 MHz in 28 nm allows
+    40, but only --liberty shows whether a clock is met. Each part is mapped for area and for speed.
 
     With --liberty: area in um² and the library's NAND2-equivalents; the longest path in ps and FO4
     (delay of an inverter that drives four), with its cells and end points, without and with wires.

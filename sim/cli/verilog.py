@@ -38,6 +38,8 @@ def verilog_command(
     Part top: splatcore_top.v, splatcore_memories.v, memories.csv, a FuseSoC core file with a small
     testbench, constraints and lint waivers. Part registers: the files of `splatcore registers`.
     Part stages: one self-contained file per stage. See docs/integration.md.
+
+    Takes a minute or more: splatcore_top.v has 8 MB (TINY), 15 MB (DEFAULT) or 27 MB (PAPER).
     """
     config = find_preset(preset)
     parts = part or list(DEFAULT_PARTS)

@@ -1,6 +1,5 @@
 """The command `view`: a page in the browser with the machine's picture of the current view."""
 
-from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.cli import options
 from splatcore.sim.cli.options import option
 from splatcore.sim.common import describe
@@ -11,7 +10,6 @@ from splatcore.sim.common.source import (
     Source,
     camera_beside,
     check_fits,
-    check_known,
     open_cameras,
     open_source,
     own_camera,
@@ -55,8 +53,7 @@ def view_command(
     from splatcore.sim.view.server import check_viser, served
 
     config = find_preset(preset)
-    if quality is not None:
-        check_known("--quality", QUALITIES, quality)
+    options.check_quality(quality, scene)
     if size:
         check_fits(config, *parse_size(size))
     check_viser(host, port)
@@ -80,8 +77,6 @@ def setting_of(
 
     if not len(source.gaussians):
         raise InputError(f"{source.name}: has no Gaussians")
-    if source.scene is None and quality:
-        raise InputError(f"--quality {quality}: {source.name} is packed already")
     if quality and quality not in (known := qualities_of(config)):
         kinds = ", ".join(known)
         raise InputError(f"--quality {quality}: preset {config.name} renders {kinds} models only")

@@ -110,6 +110,7 @@ def open_source(text: str, reading: Reading = AS_STATED) -> Source:
         reading.check_unpacked(text)
         source = Source(text, model=read_model(text))
     else:
+        check_named(text)
         source = Source(text, scene=read_scene(text, reading.axes))
     for line in source.scene.notes if source.scene else ():
         source.note(line)
@@ -125,10 +126,18 @@ def check_source(text: str, reading: Reading = AS_STATED):
         if reading.axes:
             raise InputError(f"--axes {reading.axes}: {text} is generated, with axes of its own")
     elif os.path.isdir(text) or not is_packed(text):
+        check_named(text)
         find_format(text)
         check_axes(text, reading.axes)
     else:
         reading.check_unpacked(text)
+
+
+def check_named(text: str):
+    """Raise InputError for a mere word that names neither a file nor a generated scene."""
+    if re.fullmatch(r"\w+", text) and not os.path.exists(text):
+        why = "No such file or directory, and no generated scene has this name"
+        raise InputError(f"{text}: {why}")
 
 
 def open_camera(text: str | None, size: str | None, source: Source) -> Camera:

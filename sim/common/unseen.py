@@ -11,6 +11,7 @@ from splatcore.model.cameras.join import in_view
 from splatcore.model.formats.spz_axes import PLY_AXES, matrix
 from splatcore.sim.common import notes
 from splatcore.spec.camera import Camera
+from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,9 +44,11 @@ def near_note(source: "Source", cameras: Sequence[Camera]) -> str:
         return ""
     camera, count = cameras[int(np.argmax(counts))], max(counts)
     more = _likewise(sum(map(bool, counts)) - 1)
+    s, are, them = ("", "is", "it") if count == 1 else ("s", "are", "them")
+    known = ", as in 3DGS" if camera.near == NEAR_PLANE else ""
     return (
-        f"camera{_name(camera)}: {count:,} Gaussian{'s' * (count > 1)} between depth {NEAREST:g} "
-        f"and near plane {camera.near:g} would be visible{more}; --near {NEAREST:g} draws them"
+        f"camera{_name(camera)}: {count:,} Gaussian{s} between depth {NEAREST:g} and the near "
+        f"plane at {camera.near:g} {are} not drawn{known}{more}; --near {NEAREST:g} draws {them}"
     )
 
 

@@ -1,6 +1,6 @@
 """Checks of arguments of the Python API; each InputError names the argument."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -68,6 +68,13 @@ def view(camera: Camera) -> Camera:
     if not (error <= ROTATION_TOLERANCE and np.linalg.det(rotation) > 0):
         raise InputError("camera: rotation is not a rotation matrix")
     return camera
+
+
+def views(cameras: Sequence[Camera]) -> list[Camera]:
+    """Return the cameras; raise InputError if they are no list, or for a wrong camera."""
+    if not isinstance(cameras, Iterable):
+        raise InputError(f"cameras: is of type {type(cameras).__name__}, not a list of Camera")
+    return [view(each) for each in cameras]
 
 
 def colour(name: str, value: Sequence[float]) -> tuple[float, float, float]:

@@ -33,9 +33,9 @@ def pack(
 ) -> tuple[PackedModel, PackReport]:
     """Pack a scene into a model for a machine.
 
-    quality: one of `QUALITIES` (at most 14, 22, 38 or 54 bytes per Gaussian); None: the smallest
-        with at least 45 dB in all cameras, as in the commands, or without cameras the best
-    cameras: views in which the quality is judged
+    quality: one of `QUALITIES` (about 11.5, 22, up to 38 or 54 bytes per Gaussian); None: the
+        smallest except small with at least 45 dB in all cameras, or without cameras the best
+    cameras: list of views in which the quality is judged
     config: the machine, or a preset's name
 
     Returns the model and a report on the losses. The model's length is its number of Gaussians,
@@ -47,7 +47,7 @@ def pack(
     config = check.machine(config)
     if quality is not None and quality not in QUALITIES:
         raise InputError(f"quality: {quality!r} is not one of {', '.join(QUALITIES)}")
-    views = [check.view(each) for each in cameras]
+    views = check.views(cameras)
     if quality is None and views:
         found = choose(scene, config, views)
         return found.model, found.report

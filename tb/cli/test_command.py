@@ -127,7 +127,10 @@ def test_against_model_and_scene(folder, capsys):
     assert run(f"compare reference golden --scene scene.ply {view} both.json") == 0
     both = load(folder / "both.json")
     assert both | against(wanted) == both and both["psnr_db"] == both["psnr_db_machine"]
-    rows = [line.split("│") for line in capsys.readouterr().out.splitlines() if "golden" in line]
+    printed = capsys.readouterr().out
+    assert printed.split("\n")[0].strip() == "against reference"
+    assert "machine: reference on the packed model; scene: reference on the original" in printed
+    rows = [line.split("│") for line in printed.splitlines() if "golden" in line]
     assert [[cell.strip() for cell in row[1:4]] for row in rows] == [
         ["golden", of, f"{wanted[of].psnr_db:.2f}"] for of in ("machine", "scene")
     ]
@@ -139,9 +142,9 @@ def test_against_model_and_scene(folder, capsys):
     assert of_scene | against(wanted) == of_scene
     assert of_model | against({"machine": wanted["machine"]}) == of_model
     assert "psnr_db_scene" not in of_model
-    rows = [
-        line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" dB, ")
-    ]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if line.startswith(" FPS at 800 MHz ")]
+    rows = [line.split() for line in lines if line.startswith(" dB, ")]
     db = {of: f"{wanted[of].psnr_db:.2f}" for of in wanted}
     assert rows == [["dB,", "machine", db["machine"], db["machine"]],
                     ["dB,", "scene", db["scene"], "–"]]  # fmt: skip
@@ -213,7 +216,7 @@ def test_memories(folder):
     facts = load(folder / "m.json")
     bits = [m["words"] * m["bits"] * m["count"] for part in facts["stages"].values() for m in part]
     assert sum(bits) / 8192 == pytest.approx(facts["kilobytes"]) and facts["kilobytes"] > 50
-    assert "The paper: 120 KB" in done.stdout
+    assert "The paper (Chang and Chang): 120 KB" in done.stdout
 
 
 IN_ORDER = """

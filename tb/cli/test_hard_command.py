@@ -162,7 +162,7 @@ def test_wrong_about_nan(tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(hard_cases, "pack", careless)
     measured(tmp_path, "one", status=1)
-    assert "1 Gaussians dropped for NaN or Inf, but 0 have one" in capsys.readouterr().out
+    assert "1 Gaussian dropped for NaN or Inf, but 0 have one" in capsys.readouterr().out
 
     def infinite(*arguments):
         frame = render_reference(*arguments)

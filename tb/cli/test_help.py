@@ -5,6 +5,7 @@ import re
 import pytest
 import typer
 
+from splatcore.sim.bench.scenes import MORE_CAMERAS
 from splatcore.sim.cli import commands
 from splatcore.sim.cli.commands import COMMANDS, PURPOSES
 from splatcore.sim.cli.main import register
@@ -75,6 +76,13 @@ def test_summary_is_the_first_line_of_the_help():
     for name, entry in COMMANDS.items():
         assert found[name].help.split("\n\n")[0] == entry.summary == found[name].short_help, name
         assert entry.purpose in PURPOSES
+
+
+def test_cameras_of_benches_are_named():
+    found = all_parts()["bench scenes"].params
+    (option,) = (each for each in found if each.name == "cameras")
+    for scene, cameras in MORE_CAMERAS.items():
+        assert f"for {scene} also {' and '.join(cameras)}" in option.help
 
 
 def test_shared_options_have_one_heading():

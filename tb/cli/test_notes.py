@@ -90,7 +90,7 @@ def test_losses_of_packing_are_printed_once(place, in_turn, capsys, command):
     write_ply("scene.ply", scene)
     assert run(f"{command.replace('SCENE', 'scene.ply')} --json a.json") == 0
     printed = capsys.readouterr()
-    line = "scene.ply: 1 Gaussians too large for the model's number format, clipped"
+    line = "scene.ply: 1 Gaussian too large for the model's number format, clipped"
     assert " ".join(printed.err.split()).count(line) == 1, printed.err
     assert "clipped" not in printed.out.replace("clipped  ", "")
     if not command.startswith("error"):

@@ -123,7 +123,7 @@ def test_packing_notes_are_printed_once(here, capsys):
     scene = read_scene("scene.ply")
     scene.position[3] = 1e6
     write_ply("far.ply", scene)
-    note = "1 Gaussians far outside the scene, stored in chunks of their own"
+    note = "1 Gaussian far outside the scene, stored in chunks of its own"
     words = "render far.ply --engine golden --no-compare --json a.json"
     assert run(f"{words} --camera cameras.json -o a.png") == 0
     assert capsys.readouterr().err.count(f"far.ply: {note}\n") == 1

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from pathlib import Path
 from time import sleep
 
@@ -98,6 +99,15 @@ def test_a_view_of_nothing_is_noted_once(place, capsys, command):
     assert capsys.readouterr().err.count(SEEN) == 1
     assert run(f"{command} --camera cameras.json") == 0
     assert "visible" not in capsys.readouterr().err
+
+
+def test_dropped_harmonics_are_named(place, capsys):
+    options = "--quality compact --camera cameras.json"
+    assert run(f"pack scene.ply --sh-degree 0 -o a.splatcore {options} --json a.json") == 0
+    assert re.search(r"^ degree 1 \(dropped\) +0\.00 +\d", capsys.readouterr().out, re.M)
+    assert "degree 1" in load(place / "a.json")["psnr_db_packing_by_part"]
+    assert run(f"pack scene.ply -o a.splatcore {options}") == 0
+    assert "dropped" not in capsys.readouterr().out
 
 
 def test_no_scratch_path_in_an_error(tmp_path):

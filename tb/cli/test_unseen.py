@@ -38,10 +38,13 @@ def test_gaussians_in_front_of_the_near_plane_are_counted():
     ]
     assert shown[1] - shown[0] == 4
     found = near_note(source(), [camera(near=0.1), camera(name="8"), camera(near=0.01)])
-    text = "camera 8: 4 Gaussians between depth 0.01 and near plane 0.2 would be visible"
+    text = "camera 8: 4 Gaussians between depth 0.01 and the near plane at 0.2 are not drawn"
+    text = f"{text}, as in 3DGS"
     assert found == f"{text} (1 other camera likewise); --near 0.01 draws them"
     assert near_note(source(), [camera(name="8")]) == f"{text}; --near 0.01 draws them"
     assert near_note(source([1.0]), [camera()]) == ""
+    text = "camera 7: 1 Gaussian between depth 0.01 and the near plane at 0.1 is not drawn; --near"
+    assert near_note(source([0.05]), [camera(near=0.1)]) == f"{text} 0.01 draws it"
 
 
 def test_an_empty_picture_names_near_plane_camera_and_extent(capsys):

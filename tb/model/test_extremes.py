@@ -173,7 +173,7 @@ def notes(name: str, value: float, count: int) -> str:
 def test_what_is_lost_is_named():
     """The notes of the packing report name each kind of loss, with its count."""
     assert pack(ball(60))[1].notes == []
-    assert notes("position", 1e30, 1).startswith("1 Gaussians far outside the scene")
+    assert notes("position", 1e30, 1).startswith("1 Gaussian far outside the scene")
     assert "moved nearer" in notes("position", 1e30, 1)
     assert "moved nearer" not in notes("position", 1e3, 1)
     assert notes("position", 1e39, 2) == "2 Gaussians with NaN, Inf or beyond float32, left out"

@@ -58,5 +58,5 @@ def test_transparent_gaussians(tmp_path):
     columns = ply_columns(scene)
     columns["opacity"][2] = np.nan
     scene = read_written(tmp_path / "scene.ply", ply_bytes({"vertex": columns}))
-    faint = "1 transparent Gaussians (opacity below 1/255)"
-    assert scene.notes == ("1 Gaussians with NaN or Inf", faint)
+    faint = "1 transparent Gaussian (opacity below 1/255)"
+    assert scene.notes == ("1 Gaussian with NaN or Inf", faint)

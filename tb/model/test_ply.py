@@ -90,8 +90,8 @@ def test_odd_gaussians_are_noted(tmp_path):
     scene = read_written(tmp_path / "scene.ply", ply_bytes({"vertex": columns}))
     assert scene.notes == (
         "2 Gaussians with NaN or Inf",
-        "1 quaternions of norm 0",
-        "1 quaternions of a norm outside 0.001 … 1000",
+        "1 quaternion of norm 0",
+        "1 quaternion of a norm outside 0.001 … 1000",
     )
 
 

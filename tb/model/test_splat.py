@@ -46,9 +46,9 @@ def test_odd_gaussians_are_noted(tmp_path):
     scene = read(tmp_path, b"".join(struct.pack("<6f", *numbers) + grey for numbers in odd))
     assert scene.scale.tolist() == [[1, 2, 3]] * 2
     assert scene.notes == (
-        "1 Gaussians with a negative scale, sign dropped",
-        "1 Gaussians with NaN or Inf",
-        "1 quaternions of norm 0",
+        "1 Gaussian with a negative scale, sign dropped",
+        "1 Gaussian with NaN or Inf",
+        "1 quaternion of norm 0",
     )
 
 

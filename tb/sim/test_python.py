@@ -176,6 +176,8 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.look_at([0, 0, 0], [0, 0, 1], 0), "width: 0 is not in 1"),
         (lambda: splatcore.open_scene("nope.ply"), "nope.ply: "),
         (lambda: splatcore.open_cameras("nope.json"), "nope.json: "),
+        (lambda: splatcore.pack(scene, cameras=camera), "cameras: is of type Camera, not a list"),
+        (lambda: splatcore.pack(scene, cameras=[5]), "camera: is of type int, not Camera"),
         (lambda: splatcore.open_cameras(scene, 64), "both width and height"),
         (lambda: splatcore.open_cameras(scene, near="0.1"), "near: is of type str, not"),
         (lambda: splatcore.open_cameras(scene, near=None), "near: is of type NoneType"),
