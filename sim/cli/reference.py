@@ -34,7 +34,7 @@ def page() -> str:
     """Return the page."""
     register()
     commands = dict(all_commands(typer.main.get_command(app)))
-    every = [each for command in commands.values() for each in command.params]
+    every = [each for name in COMMANDS for each in commands[name].params]  # in any order of import
     common = shared_options(every)
     parts = [HEAD, *index()]
     for purpose in PURPOSES:
