@@ -142,7 +142,7 @@ def test_too_large(jobs, monkeypatch, tmp_path, capsys):
     plan = planned(TINY, None, few, asked, frame)
     assert plan == Recording(asked.waves, few, "TOP.top.queue", 99)
     assert "w.vcd: about 0.09 MB, 100 signals in 100 cycles" in capsys.readouterr().out
-    with pytest.raises(InputError, match=r"w\.vcd: about 0\.80 MB, .* above --waves-max 0\.5; a"):
+    with pytest.raises(InputError, match=r"w\.vcd: about 0\.80 MB, .* above --waves-max 0\.5; u"):
         planned(TINY, None, many, asked, frame)
     plan = planned(TINY, None, few, replace(asked, scope=None), frame)
     assert (plan.scope, plan.levels) == ("TOP", 4)
