@@ -2,7 +2,8 @@
 
 A trial merges Gaussians, fits the remaining harmonics by least squares, packs the result and
 measures its PSNR, without fine-tuning. Fine-tuning would favour models in steps (`STEPS_LEARN`
-corrects for it) and otherwise hardly change more than near ties (docs/compression.md).
+corrects for it) and otherwise hardly change more than near ties
+(docs/notes/2026-11-compression.md).
 """
 
 from collections.abc import Callable, Sequence
@@ -45,7 +46,8 @@ miss the requested PSNR by this much."""
 
 STEPS_LEARN = 1.2
 """dB that fine-tuning improves a model in steps more than one in codebooks of equal size, if
-harmonics matter (skull and leica-sofort at ratios of 40 to 80; docs/compression.md)."""
+harmonics matter (skull and leica-sofort at ratios of 40 to 80;
+docs/notes/2026-11-compression.md)."""
 
 REACHED = 6.0
 """dB that a compact model of all Gaussians may gain by fine-tuning, at most."""

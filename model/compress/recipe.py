@@ -26,7 +26,7 @@ class Learning:
     A model in codebooks continues under its number formats with the rates at the end of
     fine-tuning. In a model in steps rounding moves less: its fine-tuning decays further, and
     learning under its number formats restarts with higher rates, but not the initial ones, with
-    which a scene loses more than it gains (docs/compression.md).
+    which a scene loses more than it gains (docs/notes/2026-11-compression.md).
     """
 
     left: float  # at the end of fine-tuning

@@ -46,7 +46,7 @@ def as_tensor(image: np.ndarray, like: torch.Tensor) -> torch.Tensor:
 def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
     """Root mean squared error of a picture, clipped like its 8-bit version; PSNR is its logarithm.
 
-    With the paper's pure L1 loss a capture is 0.3 dB worse (docs/compression.md).
+    With the paper's pure L1 loss a capture is 0.3 dB worse (docs/notes/2026-11-compression.md).
     """
     return ((picture.clamp(0, 1) - wanted).square().mean() + FLOOR).sqrt()
 

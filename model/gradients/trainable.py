@@ -31,7 +31,8 @@ REFINING = {
     "shN": 1e-2,
 }
 """Learning rates of a trained scene that has lost Gaussians or harmonics: shapes and colours must
-change much, positions little, and less if Gaussians are smaller (docs/compression.md)."""
+change much, positions little, and less if Gaussians are smaller
+(docs/notes/2026-11-compression.md)."""
 
 EPSILON = 1e-15  # Adam's, as in 3DGS
 

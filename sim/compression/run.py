@@ -24,7 +24,7 @@ from splatcore.spec.scene import Scene
 
 BESIDE_SHARE = 1.0
 """Share of a teacher's views that are off the path. On leica-sofort it keeps the mean loss off the
-path within 1 dB of the loss on the path (docs/compression.md)."""
+path within 1 dB of the loss on the path (docs/notes/2026-11-compression.md)."""
 
 
 def check_installed():

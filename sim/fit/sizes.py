@@ -26,7 +26,7 @@ warnings.filterwarnings("ignore", category=UnusedElaboratable)
 
 MEMORY_MARGIN = 0.025
 """Share of a frame's time reserved for memory, which the cycle model takes as ideal: RTL with
-LPDDR4 was 0.1 to 2.2 % slower than with ideal memory (docs/architecture.md)."""
+LPDDR4 was 0.1 to 2.2 % slower than with ideal memory."""
 
 MODEL_MARGIN = 0.03  # share of a frame's time reserved for the cycle model's error
 ARRAYS, PES = 4, 12  # maximum arrays of PEs, and PEs per array

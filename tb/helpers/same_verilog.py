@@ -126,7 +126,8 @@ def hashes(texts: list[str]) -> dict[str, str]:
 
 
 def differing(old: dict[str, str], new: dict[str, str]) -> tuple[list[str], list[str]]:
-    """Modules of either side that have no equal on the other, the lowest of them alone counted."""
+    """Return the modules of each side without an equal on the other; a module above one is among
+    them."""
     extra, missing = Counter(new.values()) - Counter(old.values()), Counter(old.values())
     missing -= Counter(new.values())
     return (
@@ -136,7 +137,7 @@ def differing(old: dict[str, str], new: dict[str, str]) -> tuple[list[str], list
 
 
 def main(words: list[str]) -> int:
-    """Print the modules that differ, and the modules that are above them; 1 if there are any."""
+    """Print the modules that differ, and all modules above them; return 1 if there are any."""
     old, new = (
         hashes([path.read_text() for path in sorted(Path(folder).rglob("*.v"))]) for folder in words
     )
