@@ -255,7 +255,7 @@ def test_equal_pictures():
         "a.ply --view-size 9": "--size '9': is not WIDTHxHEIGHT",
         "a.ply --process 130": "--process 130.0: goes with --liberty only",
         "a.ply --beside 2": "--beside",
-        "none.ply": "none.ply: there is no such file",
+        "none.ply": "none.ply: no such file or folder, here or in",
         "a.ply ./a.ply": "a.ply: two scenes have this name",
         "a.splatcore": "a.splatcore: is a packed model",
         "a.ply --preset HUGE": "HUGE",
