@@ -56,7 +56,7 @@ pictures: install
 	$(SPLATCORE) report -o out/pictures --section quality --pictures docs/pictures
 
 commands: install
-	$(BIN)/python -m splatcore.sim.cli.reference > docs/commands.md
+	$(BIN)/python -m splatcore.app.cli.reference > docs/commands.md
 
 test: install
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""Simulation, synthesis, measurements and the command line: code that runs the other packages.
+"""Simulation: the RTL, the whole machine, the cycle model, and frames by any engine.
 
 May import: nothing.
 """

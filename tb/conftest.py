@@ -1,15 +1,15 @@
 """Order of the test files: the slowest first, so that all processes finish together."""
 
 LONGEST = (
-    "stages/test_stages", "test_demo", "test_walks", "cli/test_example_command", "sim/test_verilog",
-    "sim/test_delivery", "machine/test_machine", "machine/test_wide_addresses", "hdl/test_sort",
+    "stages/test_stages", "test_demo", "test_walks", "app/test_example_command", "eda/test_verilog",
+    "eda/test_delivery", "machine/test_machine", "machine/test_wide_addresses", "hdl/test_sort",
     "machine/test_machine_driver", "hdl/test_raster", "hdl/test_points",
     "planted/test_mutate", "hdl/test_colour",
-    "sim/test_fit", "machine/test_machine_default", "cli/test_command", "hdl/test_bin",
-    "sim/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
+    "study/test_fit", "machine/test_machine_default", "app/test_command", "hdl/test_bin",
+    "study/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
     "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",
     "hdl/test_axi", "hdl/test_scale", "model/test_surround", "golden/test_pipeline",
-    "sim/test_silicon", "hdl/test_formal_cascade", "hdl/test_formal_list_writer",
+    "eda/test_silicon", "hdl/test_formal_cascade", "hdl/test_formal_list_writer",
 )  # fmt: skip
 """Test files that take 20 seconds or more, the slowest first."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from splatcore.sim.common.picture import read_png
+from splatcore.sim.frame.picture import read_png
 from tb.helpers.command import ROOT, make, run
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcore.sim.common.picture import read_png, write_png
-from splatcore.sim.report.quality import PICTURES
+from splatcore.sim.frame.picture import read_png, write_png
+from splatcore.study.report.quality import PICTURES
 from tb.helpers.command import ROOT, make, run
 from tb.helpers.known_words import unknown_words
 

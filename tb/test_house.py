@@ -2,45 +2,41 @@
 
 import ast
 import sys
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
+from setuptools import find_packages
 
 from tb.helpers import habits
 from tb.helpers.command import ROOT
 
-ROOMS = ("spec", "model", "golden", "hdl", "sim", "tb")
+ROOMS = ("spec", "model", "golden", "hdl", "sim", "eda", "study", "app", "tb")
+"""In their order: the first four import only `spec`, each other one also those before it."""
 
-MAY_IMPORT = {
-    "spec": {"spec"},
-    "model": {"model", "spec"},
-    "golden": {"golden", "spec"},
-    "hdl": {"hdl", "spec"},
-    "sim": set(ROOMS) - {"tb"},
-    "tb": set(ROOMS),
+MAY_IMPORT = {room: {"spec", room} for room in ROOMS[:4]} | {
+    room: set(ROOMS[: ROOMS.index(room) + 1]) for room in ROOMS[4:]
 }
 
 SPEC_MAY_USE = {"numpy"}  # libraries that `spec` may import in addition to the standard one
+
+SOURCE = ROOT / "src" / "splatcore"  # the package: links to the rooms
 
 RIDDLES = {"told", "tell", "tells", "how", "what", "who", "said", "thing"}
 """Names that say nothing about their content."""
 
 ALLOWED = {
-    "sim/bench/campaign.py": {"what"},  # a JSON key
-    "sim/cli/path.py": {"what"},
-    "sim/compression/bench.py": {"what"},
-    "sim/python/files.py": {"thing"},  # the Python interface
-    "sim/report/other.py": {"tell"},  # a file's position
+    "study/bench/campaign.py": {"what"},  # a JSON key
+    "app/cli/path.py": {"what"},
+    "study/compression/bench.py": {"what"},
+    "app/python/files.py": {"thing"},  # the Python interface
+    "study/report/other.py": {"tell"},  # a file's position
 }
 
 FILE_LINES = 320
 FUNCTION_LINES = 60
 FILE_BYTES = 1_000_000
-
-RESULTS = "splatcore.docs.results"  # kept results, installed with the rooms
 
 PACKAGES = sorted(path.parent for room in ROOMS[:-1] for path in (ROOT / room).rglob("__init__.py"))
 """Folders of all installed packages, in all rooms except `tb`."""
@@ -153,9 +149,12 @@ def test_no_test_imports_another():
 
 
 def test_all_packages_are_installed():
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    assert sorted(settings["packages"]) == sorted(
-        ["splatcore", RESULTS, *(f"splatcore.{name_of(folder)}" for folder in PACKAGES)]
+    """`src/splatcore/` has a link to each room, through which setuptools finds every package."""
+    links = {path.name: path.resolve() for path in SOURCE.iterdir() if path.is_symlink()}
+    assert links == {room: ROOT / room for room in ROOMS[:-1]} | {"results": ROOT / "docs/results"}
+    found = find_packages(str(ROOT / "src"))
+    assert sorted(found) == sorted(
+        ["splatcore", *(f"splatcore.{name_of(folder)}" for folder in PACKAGES)]
     )
 
 
@@ -178,7 +177,7 @@ def test_short_files_and_functions():
 
 def test_no_large_files():
     files = [path for path in ROOT.iterdir() if path.is_file()]
-    for folder in (*ROOMS, "docs", "splatcore"):
+    for folder in (*ROOMS, "docs", "src"):
         files += [path for path in (ROOT / folder).rglob("*") if path.suffix != ".pyc"]
     assert len(files) > 50
     for path in files:

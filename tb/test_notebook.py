@@ -7,7 +7,7 @@ import pytest
 from nbclient import NotebookClient
 
 import splatcore
-from splatcore.sim.common.picture import read_png
+from splatcore.sim.frame.picture import read_png
 from tb.helpers.clouds import cloud
 from tb.helpers.command import ROOT
 

@@ -12,7 +12,7 @@ import pytest
 
 from tb.helpers.command import ROOT
 
-ROOMS = ("spec", "model", "golden", "hdl", "sim")
+ROOMS = ("spec", "model", "golden", "hdl", "sim", "eda", "study", "app")
 
 RESULTS = "docs/results"  # kept results for the report, no Python
 
@@ -27,8 +27,13 @@ def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess:
 def wheel(tmp_path_factory) -> Path:
     """The wheel, built from a copy, because building leaves files among the sources."""
     folder = tmp_path_factory.mktemp("wheel")
-    for room in (*ROOMS, "splatcore", RESULTS):
-        shutil.copytree(ROOT / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for room in (*ROOMS, "src", RESULTS):
+        shutil.copytree(
+            ROOT / room,
+            folder / room,
+            symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, folder)
     done = run(
@@ -82,10 +87,9 @@ def test_wheel(wheel, tmp_path):
 
 def test_wheel_has_every_file(wheel):
     """The wheel has Python, templates, style sheets, C++, waivers, kept results, nothing else."""
-    files = {
-        path.relative_to(ROOT) for room in (*ROOMS, RESULTS) for path in (ROOT / room).rglob("*.*")
-    }
+    files = {path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("*.*")}
     files = {f"splatcore/{path}" for path in files if "__pycache__" not in path.parts}
+    files |= {f"splatcore/results/{path.name}" for path in (ROOT / RESULTS).iterdir()}
     held = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     assert held == files | {"splatcore/__init__.py", "splatcore/__main__.py"}
 

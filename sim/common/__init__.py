@@ -1,4 +1,4 @@
 """Code that all tools share: scene arguments, output files, metrics, pictures, plots, processes.
 
-May import: spec, model, golden.
+May import: spec.
 """

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from splatcore.sim.common.source import check_known
+from splatcore.sim.common.choice import check_known
 from splatcore.sim.rtl.build import SimulationError
 from splatcore.sim.rtl.initial import state_of
 from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes

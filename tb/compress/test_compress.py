@@ -26,7 +26,7 @@ from splatcore.model.gradients.finetune import (
     views_in_turn,
 )
 from splatcore.model.gradients.trainable import optimizers, rendered, scene_of, tensors_of
-from splatcore.sim.common.metric import psnr
+from splatcore.sim.frame.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene

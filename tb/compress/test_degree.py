@@ -15,7 +15,7 @@ from splatcore.model.compress.quantize import REFRESH
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.pack.pack import pack
-from splatcore.sim.common.metric import psnr
+from splatcore.sim.frame.metric import psnr
 from splatcore.spec.colour import COARSE, FINE, SECOND
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError

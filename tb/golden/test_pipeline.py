@@ -10,7 +10,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
-from splatcore.sim.packing.choose import finest
+from splatcore.sim.frame.choose import finest
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.metric import psnr_of_square

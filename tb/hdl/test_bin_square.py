@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from splatcore.eda.gates.synth import DEPTH_MAX, gates
 from splatcore.golden.bin import Binned, splat_codes
 from splatcore.golden.pipeline import render
 from splatcore.golden.points import project_points
@@ -12,8 +13,7 @@ from splatcore.golden.program import run
 from splatcore.golden.reference import project
 from splatcore.golden.reference import render as reference
 from splatcore.hdl.binning.bin import Bin
-from splatcore.sim.common.metric import difference
-from splatcore.sim.eda.synth import DEPTH_MAX, gates
+from splatcore.sim.frame.metric import difference
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import ORIGINAL, SIGMA_EXTENT, SPLATCORE, TILE
 from splatcore.spec.frame import fixed_constants

@@ -10,8 +10,6 @@ from amaranth.lib.wiring import In
 
 from splatcore.golden.sort import Job, jobs, lines
 from splatcore.hdl.sorting.deal import Deal
-from splatcore.sim.bench.sort_rows import KEYS, entries_of, stage_rows
-from splatcore.sim.bench.sort_stage import SortStage
 from splatcore.sim.cycles.sort import stage_cycles
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.binning import group_record
@@ -25,6 +23,8 @@ from splatcore.spec.sort import (
     line_record,
     listed_record,
 )
+from splatcore.study.bench.sort_rows import KEYS, entries_of, stage_rows
+from splatcore.study.bench.sort_stage import SortStage
 from tb.helpers.parts import forward
 from tb.helpers.runs import check_run, compiled
 from tb.helpers.variants import faults_are_found

@@ -7,6 +7,7 @@ from amaranth.hdl import Module, ResetInserter
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.eda.gates.macros import Macros
 from splatcore.hdl.binning import rows
 from splatcore.hdl.lib.credit import within
 from splatcore.hdl.lib.holds import BUILT, enough, holds, keeps, never_waits
@@ -15,7 +16,6 @@ from splatcore.hdl.raster import raster
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.sim.eda.macros import Macros
 from splatcore.sim.rtl.streams import Simulation, SimulationError
 from splatcore.spec.config import TINY
 from tb.helpers.runs import compiled

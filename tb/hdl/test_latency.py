@@ -8,10 +8,10 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.eda.gates.synth import DEPTH_MAX, depth
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.lib.latency import spread
 from splatcore.hdl.stages import PRIMITIVES
-from splatcore.sim.eda.synth import DEPTH_MAX, depth
 from splatcore.spec.config import DEFAULT
 
 CUTS = {"operand": 12, "product": 36, "order": 27, "sum": 30, "shift": 20, "round": 13}

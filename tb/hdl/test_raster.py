@@ -18,7 +18,6 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
-from splatcore.sim.accuracy.points import with_width
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
@@ -27,6 +26,7 @@ from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import entry_record, group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from splatcore.spec.record import Codes
+from splatcore.study.accuracy.points import with_width
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.bounds import RULE

@@ -11,13 +11,13 @@ from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.runs import Half, Runs
 from splatcore.hdl.sorting.sort import COUNTED, Sort
 from splatcore.hdl.sorting.sorter import Sorter
-from splatcore.sim.bench.sort import BOUND, BOUND_FROM
-from splatcore.sim.bench.sort_rows import KEYS, entries_of, sort_rows
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
+from splatcore.study.bench.sort import BOUND, BOUND_FROM
+from splatcore.study.bench.sort_rows import KEYS, entries_of, sort_rows
 from tb.helpers.runs import check_run, compiled, counters
 from tb.helpers.variants import faults_are_found
 

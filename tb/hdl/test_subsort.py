@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from splatcore.eda.gates.synth import DEPTH_MAX, gates
 from splatcore.golden.sort import sub_sort
 from splatcore.hdl.sorting.subsort import SubSorter
-from splatcore.sim.bench.sort_rows import random_keys
-from splatcore.sim.eda.synth import DEPTH_MAX, gates
 from splatcore.sim.rtl.formal import ProofError, cover, prove
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.sort import batch_record, digits, phases, ranked_record
+from splatcore.study.bench.sort_rows import random_keys
 from tb.formal.subsort import SIZES, Given, small
 from tb.helpers.batches import KINDS, batches_of
 from tb.helpers.runs import check_run, compiled

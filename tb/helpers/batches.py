@@ -4,8 +4,8 @@ from itertools import cycle
 
 import numpy as np
 
-from splatcore.sim.bench.sort_rows import KEYS, random_keys
 from splatcore.spec.config import Config
+from splatcore.study.bench.sort_rows import KEYS, random_keys
 
 
 def close_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarray:

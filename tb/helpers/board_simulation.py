@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from splatcore.sim.board.system import simulated
-from splatcore.sim.board.write import quiet, undated, write_facts
-from splatcore.sim.eda.verilog import NAMES, write_top
+from splatcore.eda.board.system import simulated
+from splatcore.eda.board.write import quiet, undated, write_facts
+from splatcore.eda.deliver.verilog import NAMES, write_top
 from splatcore.sim.rtl.cocotb_runner import public, run_sources
 from splatcore.sim.rtl.initial import without_initial
 from splatcore.spec.config import Config

@@ -11,8 +11,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from splatcore.app.cli.main import main
 from splatcore.model.formats.ply import write_ply
-from splatcore.sim.cli.main import main
 from splatcore.sim.common import output
 from tb.helpers.clouds import cloud
 

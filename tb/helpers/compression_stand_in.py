@@ -16,10 +16,10 @@ from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.compression import run as compression_run
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene
+from splatcore.study.compression import run as compression_run
 from tb.helpers.command import load, run
 from tb.helpers.compression_scene import garden_with_harmonics
 

@@ -15,7 +15,10 @@ from pathlib import Path
 
 from tb.helpers.command import ROOT
 
-ROOMS = ("README.md", "CONTRIBUTING.md", "docs", "spec", "model", "golden", "hdl", "sim", "tb")
+ROOMS = (
+    *("README.md", "CONTRIBUTING.md", "docs", "spec", "model", "golden", "hdl"),
+    *("sim", "eda", "study", "app", "tb"),
+)
 
 UNITS = (
     "bytes?|bits?|cycles?|seconds?|frames?|pixels?|items?|words?|beats?|lines?|rows?|gates?|steps?"

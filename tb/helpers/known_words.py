@@ -4,8 +4,8 @@ import re
 
 import typer
 
-from splatcore.sim.cli.main import register
-from splatcore.sim.cli.options import app
+from splatcore.app.cli.main import register
+from splatcore.app.cli.options import app
 
 
 def unknown_words(words: list[str]) -> list[str]:

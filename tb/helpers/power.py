@@ -1,8 +1,8 @@
 """Made-up counts and gates of two parts of the machine, for tests of power."""
 
-from splatcore.sim.eda.machine_gates import PARTS, Size
-from splatcore.sim.power.activity import Accesses, Activity, Counts
-from splatcore.sim.power.estimate import Gates
+from splatcore.eda.gates.machine_gates import PARTS, Size
+from splatcore.eda.power.activity import Accesses, Activity, Counts
+from splatcore.eda.power.estimate import Gates
 from splatcore.spec.energy import Energy
 
 UNIT = Energy(

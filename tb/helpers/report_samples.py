@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcore.sim.accuracy.budget import SUM, TITLES, WHOLES
-from splatcore.sim.common.paper import ABLATION, GATES_ALL, LOGIC, MEMORY_POWER, POWER
-from splatcore.sim.common.picture import write_png
+from splatcore.eda.paper import ABLATION, GATES_ALL, LOGIC, MEMORY_POWER, POWER
+from splatcore.sim.frame.picture import write_png
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.programs import TEXTS
 from splatcore.spec.stages import NAMES
+from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES
 
 SIZE = "64x48"
 

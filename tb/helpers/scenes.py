@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcore.sim.common.source import scene_folder
+from splatcore.sim.frame.source import scene_folder
 from splatcore.spec.scene import Scene, sh_count
 
 ROOT = Path(__file__).resolve().parents[2]

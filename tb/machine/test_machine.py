@@ -9,11 +9,11 @@ import pytest
 from splatcore.golden.pipeline import render
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
-from splatcore.sim.fit.preset_file import write_preset
+from splatcore.sim.common.preset_file import write_preset
+from splatcore.sim.frame.choose import finest
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.wave_names import signals
-from splatcore.sim.packing.choose import finest
 from splatcore.sim.soak.machines import machine
 from splatcore.spec.camera import NEAR_LIMITS
 from splatcore.spec.config import TINY

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatcore.eda.deliver.register_files import DRIVER, write_register_files
 from splatcore.golden.pipeline import render
-from splatcore.sim.eda.register_files import DRIVER, write_register_files
 from splatcore.sim.machine.areas import BASE, Areas, make_memory
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import (

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from splatcore.app.cli.render_rtl import Request, planned
 from splatcore.golden.pipeline import render
 from splatcore.model.pack.pack import pack
-from splatcore.sim.cli.render_rtl import Request, planned
 from splatcore.sim.machine import wave_kind, waves
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.script import IDEAL

@@ -4,13 +4,13 @@ cycle model render each Gaussian, or drop and count it."""
 import numpy as np
 import pytest
 
+from splatcore.app.cli.describe import describe
 from splatcore.golden.pipeline import render as render_golden
 from splatcore.golden.reference import render
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.pack.pack import pack
-from splatcore.sim.common.describe import describe
-from splatcore.sim.common.source import Source
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.frame.source import Source
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene

@@ -14,7 +14,7 @@ from splatcore.model.pack.floaters import FAR, GAP, RESERVE_BITS, SHARE, find_fl
 from splatcore.model.pack.pack import MEDIAN_BITS, pack
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.model.pack.stored import keep, stored_scene
-from splatcore.sim.common.metric import psnr
+from splatcore.sim.frame.metric import psnr
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.memory import CHUNK, step_format
 from splatcore.spec.scene import Scene

@@ -8,7 +8,7 @@ import pytest
 from splatcore.golden.reference import Frame, harmonics, project, render
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.pack.pack import pack
-from splatcore.sim.common.metric import psnr
+from splatcore.sim.frame.metric import psnr
 from splatcore.spec.colour import FINE, SECOND
 from splatcore.spec.convention import (
     ALPHA_MAX,

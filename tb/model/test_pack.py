@@ -11,7 +11,7 @@ from splatcore.model.pack.codebook import quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.pack import appearance, pack
 from splatcore.model.pack.quality import INDEXED
-from splatcore.sim.common.metric import psnr
+from splatcore.sim.frame.metric import psnr
 from splatcore.spec.colour import from_slopes, slopes_of
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS
 from splatcore.spec.convention import ALPHA_MIN

@@ -67,9 +67,9 @@ def tested(folder: Path, tests: str, cache: Path, fault: Fault | None = None) ->
     package.mkdir()
     for name in ("tb", "pyproject.toml"):
         (folder / name).symlink_to(ROOT / name)
-    for name in ("spec", "model", "golden", "sim"):
+    for name in ("spec", "model", "golden", "sim", "eda", "study", "app"):
         (package / name).symlink_to(ROOT / name)
-    shutil.copy(ROOT / "splatcore" / "__init__.py", package)
+    shutil.copy(ROOT / "src" / "splatcore" / "__init__.py", package)
     shutil.copytree(HDL, package / "hdl")
     if fault:
         (package / "hdl" / f"{fault.file}.py").write_text(fault.text)

@@ -10,10 +10,10 @@ from splatcore.golden.bin import splat_codes
 from splatcore.golden.pipeline import Frame, render
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.model.generate.generate import generated_camera
-from splatcore.sim.bench.sort_rows import sort_rows
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.stages import OF_POINTS
+from splatcore.study.bench.sort_rows import sort_rows
 from tb.helpers import bin_frames, raster_rows, stage_cases
 from tb.helpers.machines import garden
 from tb.helpers.point_rows import point_rows

@@ -6,9 +6,9 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-from splatcore.sim.common import metric
-from splatcore.sim.common.metric import difference, flip, flip_map, lpips
-from splatcore.sim.common.picture import read_png, write_error_map, write_heat_map, write_png
+from splatcore.sim.frame import metric
+from splatcore.sim.frame.metric import difference, flip, flip_map, lpips
+from splatcore.sim.frame.picture import read_png, write_error_map, write_heat_map, write_png
 from splatcore.spec.error import InputError
 
 

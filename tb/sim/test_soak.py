@@ -8,11 +8,11 @@ import pytest
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.model.pack.pack import pack
-from splatcore.sim.bench import campaign
 from splatcore.sim.soak import fault_kinds, faults, frame_runs
 from splatcore.sim.soak.machines import MACHINES
 from splatcore.spec.preset import check_buildable
 from splatcore.spec.scene import ARRAYS
+from splatcore.study.bench import campaign
 from tb.helpers.command import check_documented, load
 from tb.helpers.command import run as command
 

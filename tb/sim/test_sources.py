@@ -4,15 +4,15 @@ import shutil
 
 import pytest
 
-from splatcore.sim.bench import campaigns, sweep, workload
 from splatcore.sim.common.sources import ROOT, closure, code_key, files_key
-from splatcore.sim.packing import choose
+from splatcore.sim.frame import choose
+from splatcore.study.bench import campaigns, sweep, workload
 
 CAMPAIGNS = {
-    "sweep": "bench/sweep.py", "gates and memories": "bench/campaigns.py",
-    "work": "bench/workload.py",
+    "sweep": "study/bench/sweep.py", "gates and memories": "study/bench/campaigns.py",
+    "work": "study/bench/workload.py",
 }  # fmt: skip
-MEASURES = CAMPAIGNS | {"packing": "packing/choose.py"}
+MEASURES = CAMPAIGNS | {"packing": "sim/frame/choose.py"}
 """Measurement → the file of its task function; and the file of the function that packs."""
 
 DECIDES = {
@@ -20,16 +20,16 @@ DECIDES = {
     "spec/__init__.py": MEASURES,
     "model/pack/codebook.py": MEASURES,
     "model/pack/steps.py": MEASURES,
-    "sim/packing/choose.py": MEASURES,
+    "sim/frame/choose.py": MEASURES,
     "golden/raster.py": CAMPAIGNS,
     "sim/cycles/raster.py": CAMPAIGNS,
-    "sim/machine/engines.py": CAMPAIGNS,
+    "sim/frame/engines.py": CAMPAIGNS,
     "hdl/raster/blend.py": CAMPAIGNS,
-    "sim/eda/synth.py": ["gates and memories"],
-    "sim/eda/waivers.vlt": ["gates and memories"],
-    "sim/bench/workload.py": ["work"],
-    "sim/cli/scene.py": [],
-    "sim/report/page.py": [],
+    "eda/gates/synth.py": ["gates and memories"],
+    "sim/machine/memory.hpp": CAMPAIGNS,
+    "study/bench/workload.py": ["work"],
+    "app/cli/scene.py": [],
+    "study/report/page.py": [],
 }
 """Edited file → results whose key must change."""
 
@@ -38,13 +38,14 @@ DECIDES = {
 def copy(tmp_path_factory):
     """A copy of the package's rooms."""
     root = tmp_path_factory.mktemp("splatcore")
-    for room in ("spec", "model", "golden", "hdl", "sim"):
+    for room in ("spec", "model", "golden", "hdl", "sim", "eda", "study", "app"):
         shutil.copytree(ROOT / room, root / room, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "__init__.py", root)
     return root
 
 
 def keys(root) -> dict[str, str]:
-    return {name: files_key(root / "sim" / file, root) for name, file in MEASURES.items()}
+    return {name: files_key(root / file, root) for name, file in MEASURES.items()}
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ from dataclasses import FrozenInstanceError, fields, replace
 
 import pytest
 
+from splatcore.eda.gates.machine_gates import PARTS
 from splatcore.hdl.stages import STAGES, WHOLE
 from splatcore.sim.cycles.frame import Cycles
-from splatcore.sim.eda.machine_gates import PARTS
 from splatcore.spec import memory
 from splatcore.spec.config import DEFAULT, PAPER, PRESETS, TINY
 from splatcore.spec.convention import ALPHA_MIN

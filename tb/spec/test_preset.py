@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from splatcore.sim.fit.preset_file import preset_text, write_preset
+from splatcore.sim.common.preset_file import preset_text, write_preset
 from splatcore.spec.config import DEFAULT, FORMATS, PAPER, PRESETS, TINY, Config
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
@@ -151,5 +151,7 @@ def test_commands_take_files(tmp_path, capsys):
 
 def test_there_is_one_way_to_find_a_preset():
     """No command looks presets up by name only, so all accept files."""
-    for path in (ROOT / "sim").rglob("*.py"):
+    for path in (
+        path for room in ("sim", "eda", "study", "app") for path in (ROOT / room).rglob("*.py")
+    ):
         assert not re.search(r"\bPRESETS(\[|\.get)", path.read_text()), path.name

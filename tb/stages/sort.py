@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.sim.bench.sort_rows import sort_rows
 from splatcore.spec.config import TINY
 from splatcore.spec.sort import half_entries
+from splatcore.study.bench.sort_rows import sort_rows
 from tb.helpers.feeds import Feed
 from tb.helpers.sort_cases import KEYS, entries_with, keys_of
 

@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from splatcore.sim.bench.sort_rows import stage_rows
-from splatcore.sim.bench.sort_stage import SortStage
 from splatcore.spec.config import TINY
 from splatcore.spec.sort import half_entries
+from splatcore.study.bench.sort_rows import stage_rows
+from splatcore.study.bench.sort_stage import SortStage
 from tb.helpers.feeds import Feed
 from tb.helpers.sort_cases import KEYS, entries_with, keys_of
 

@@ -1,0 +1,4 @@
+"""The application: command line, viewer, Python interface.
+
+May import: nothing.
+"""

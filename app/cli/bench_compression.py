@@ -1,0 +1,175 @@
+"""The command `bench compression`: the paper's measurements of compression."""
+
+from pathlib import Path
+
+from splatcore.app.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
+from splatcore.app.cli.compress_options import (
+    LEARN,
+    TRAINING,
+    BesideOption,
+    DegreeOption,
+    QualityOption,
+    RateOption,
+)
+from splatcore.app.cli.options import (
+    AntialiasedOption,
+    AxesOption,
+    NearOption,
+    PresetOption,
+    argument,
+    option,
+)
+from splatcore.app.cli.power import LibertyOption, ProcessOption, checked_library
+from splatcore.eda.cells.liberty import Library
+from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.output import make_folder
+from splatcore.sim.common.table import print_whole
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.size import parse_size
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+from splatcore.study.compression import run as compression_run
+from splatcore.study.compression.bench import BY_ITSELF, PARTS, RATIOS, RESULT, bench_compression
+from splatcore.study.compression.plot import write_curve
+from splatcore.study.compression.subjects import SCENES, Protocol, find
+from splatcore.study.compression.tables import tables, write_csv
+
+DEFAULTS = Protocol(DEFAULT)
+
+ALL_PARTS, ALL_RATIOS = ",".join(BY_ITSELF), ",".join(f"{ratio:g}" for ratio in RATIOS)
+VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # as on the command line
+
+
+ScenesArgument = argument(
+    list[str] | None,
+    "SCENE …",
+    "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
+    f"{', '.join(SCENES)} in the folder SPLATCORE_SCENES.",
+)
+PartOption = option(str, "PART,PART,…", "Parts to measure; see above.")
+StepsOption = option(
+    int | None,
+    "N",
+    "Fine-tuning steps after each pruning; other steps in proportion.",
+    panel=TRAINING,
+)
+TrainStepsOption = option(
+    int, "N", "Steps to train a scene from photographs first.", panel=TRAINING
+)
+RatiosOption = option(str, "R,R,…", "Compression ratios of the curve.")
+ScheduleSceneOption = option(
+    str | None, "SCENE", "Scene for the comparison of schedules. Default: banana, else the first."
+)
+ViewsOption = option(
+    int, "N", "Pictures to learn from, of a scene without photographs.", panel=LEARN
+)
+ViewSizeOption = option(str, "WxH", "Pixels of the pictures to learn from.", panel=LEARN)
+ScaleOption = option(float, "S", "Shrink the photographs by this factor, 0 … 1.", panel=LEARN)
+OrderOption = option(str, "ORDER", "distill-first, or prune-first as in the paper.", panel=TRAINING)
+SeedOption = option(int, "S", "Random seed.", panel=TRAINING)
+
+
+@bench.command("compression")
+def compression_command(
+    output: FolderOption,
+    scene: ScenesArgument = None,
+    part: PartOption = ALL_PARTS,
+    steps: StepsOption = None,
+    train_steps: TrainStepsOption = DEFAULTS.train_steps,
+    ratios: RatiosOption = ALL_RATIOS,
+    schedule_scene: ScheduleSceneOption = None,
+    views: ViewsOption = DEFAULTS.views,
+    view_size: ViewSizeOption = VIEW_SIZE,
+    beside: BesideOption = DEFAULTS.beside,
+    size: PixelsOption = SIZE,
+    scale: ScaleOption = DEFAULTS.scale,
+    rate: RateOption = DEFAULTS.rate,
+    order: OrderOption = DEFAULTS.order,
+    degree: DegreeOption = DEFAULTS.degree,
+    quality: QualityOption = DEFAULTS.quality,
+    seed: SeedOption = DEFAULTS.seed,
+    antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    near: NearOption = None,
+    preset: PresetOption = "DEFAULT",
+    liberty: LibertyOption = None,
+    process: ProcessOption = None,
+):
+    """Compress scenes; measure size, loss and machine work.
+
+    Loss is measured on 8-bit pictures of the reference renderer: against the held-out photographs
+    (every 7th), or else against the original scene, in views that compression does not learn from
+    (the cameras next to the scene file, or generated ones).
+
+    Parts: steps (size, PSNR, SSIM, FLIP, LPIPS if its weights are installed, and the machine's work
+    after each step); schedule (pruning schedules with equal numbers of fine-tuning steps); curve
+    (ratio against loss); budget (error of compression against error of the machine); power (an
+    ESTIMATE after each step, from RTL simulation; see `splatcore power`).
+
+    Writes DIR/compression.json, one CSV file per part, curve.png and one contact sheet per scene.
+    Results already in DIR are kept.
+    """
+    protocol = Protocol(
+        find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
+        at_least("--views", views), parse_size(view_size), beside, parse_size(size), scale, seed,
+        rate, order, degree, quality, Reading(antialiased, axes, near),
+    )  # fmt: skip
+    if not 0 < scale <= 1:
+        raise InputError(f"--scale {scale:g}: must be above 0 and at most 1")
+    _ = protocol.recipe  # raises InputError for an impossible recipe
+    found = find(list(scene or ()))
+    chosen = scheduled(schedule_scene, [Path(path).resolve().name for path in found])
+    parts, wanted = parse_parts(part), parse_ratios(ratios)
+    cells = cells_for(parts, liberty, process)
+    compression_run.check_installed()
+    make_folder(output)
+    facts = bench_compression(found, parts, chosen, wanted, protocol, output, cells)
+    for each in (made for scene in facts["scenes"].items() for made in tables(*scene)):
+        print_whole(each)
+    write_csv(output, facts)
+    write_curve(output / "curve.png", facts["scenes"])
+    finish(output / RESULT, facts)
+
+
+def scheduled(asked: str | None, names: list[str]) -> str:
+    """Return the scene whose schedules are compared; raise InputError for an unknown one."""
+    chosen = Path(asked or (SCENES[0] if SCENES[0] in names else names[0])).name
+    if chosen not in names:
+        raise InputError(f"--schedule-scene {chosen}: must be one of {', '.join(names)}")
+    return chosen
+
+
+def at_least(option: str, value: int | None, minimum: int = 1) -> int | None:
+    """Return the number; raise InputError if it is below a minimum."""
+    if value is not None and value < minimum:
+        raise InputError(f"{option} {value}: must be {minimum} or more")
+    return value
+
+
+def parse_parts(text: str) -> list[str]:
+    """Parse parts separated by commas; return them in the order of PARTS."""
+    asked = [name.strip() for name in text.split(",")]
+    check_known("--part", PARTS, *asked)
+    return [name for name in PARTS if name in asked]
+
+
+def cells_for(
+    parts: list[str], liberty: str | None, process: float | None
+) -> tuple[Library, float] | None:
+    """Read the library; return it and its process in nm. Raise InputError if no part uses it."""
+    library = checked_library(liberty, process)
+    if library and "power" not in parts:
+        raise InputError(f"--liberty {liberty}: goes with --part power only")
+    return library and (library, process)
+
+
+def parse_ratios(text: str) -> tuple[float, ...]:
+    """Parse ratios above 1 separated by commas; return them in ascending order."""
+    try:
+        ratios = tuple(sorted(set(map(float, text.split(",")))))
+    except ValueError:
+        raise InputError(f"--ratios '{text}': must be numbers separated by commas") from None
+    if not all(1 < ratio < 10_000 for ratio in ratios):
+        raise InputError(f"--ratios '{text}': must all be above 1 and below 10,000")
+    return ratios

@@ -1,0 +1,132 @@
+"""The commands `board write` and `board render`: files for a ULX3S, and a frame from a board."""
+
+import time
+from contextlib import closing
+from importlib.util import find_spec
+from pathlib import Path
+
+import typer
+
+from splatcore.app.cli import options
+from splatcore.app.cli.board import board
+from splatcore.app.cli.options import option
+from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.frame.metric import against, differences, metrics_line
+from splatcore.sim.frame.picture import write_png
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.source import check_fits, open_cameras, open_source
+from splatcore.sim.frame.unseen import note_empty
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+SDRAMS = {"32": "MT48LC16M16", "64": "AS4C32M16"}
+"""SDRAM chips of ULX3S boards by size in megabytes."""
+
+LIBRARIES = ("litex", "litedram", "litex_boards")
+
+BOARD = "Board"
+
+BoardPresetOption = option(
+    str, "NAME|FILE", "Machine: a preset or a TOML file.", "--preset", panel=options.MACHINE
+)
+ClockOption = option(float, "MHZ", "Clock of machine and SDRAM.", min=1, max=133, panel=BOARD)
+BaudOption = option(int, "N", "UART rate in bits per second.", min=9600, max=3_000_000, panel=BOARD)
+SdramOption = option(str, "MB", f"Size of the SDRAM: {', '.join(SDRAMS)} MB.", panel=BOARD)
+BoardOption = option(str, "DIR", "Folder written by `board write`.", "--board", panel=BOARD)
+PortOption = option(str, "DEVICE", "Serial port, like /dev/ttyUSB0.", panel=BOARD)
+OutputOption = option(Path, "OUT.png", "Picture to write.", "-o", panel=options.OUTPUT)
+
+
+def check_libraries():
+    """Raise InputError unless the libraries of the extra [board] are installed."""
+    for name in LIBRARIES:
+        if find_spec(name) is None:
+            raise InputError(f"board: needs {name}: pip install 'splatcore[board]'")
+
+
+@board.command("write")
+def write_command(
+    output: options.FolderOption,
+    preset: BoardPresetOption = "FPGA",
+    clock: ClockOption = 50.0,
+    baud: BaudOption = 1_000_000,
+    sdram: SdramOption = "32",
+):
+    """Write the files for a ULX3S board: Verilog, pins and a Makefile.
+
+    For a ULX3S with an LFE5U-85F. The machine is part of a LiteX system with an SDRAM controller
+    (LiteDRAM) and a UART, through which `board render` accesses memory and registers. `make` in the
+    folder builds the bitstream with yosys and nextpnr from PyPI; see README.md there.
+    """
+    check_known("--sdram", SDRAMS, sdram)
+    config = find_preset(preset)
+    check_libraries()
+    from splatcore.eda.board.write import write_board
+
+    with progress_bar("writing the board"):
+        paths = write_board(output, config, round(clock * 1e6), baud, SDRAMS[sdram])
+    for path in paths:
+        console.print(str(path), soft_wrap=True)
+
+
+@board.command("render")
+def render_command(
+    scene: options.SourceArgument,
+    output: OutputOption,
+    board: BoardOption,
+    port: PortOption,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
+    json: options.JsonOption = None,
+):
+    """Render a frame on a board and compare it with the golden model.
+
+    Model and picture are sent over a serial port. Exit status 1 if a pixel differs.
+    """
+    check_libraries()
+    from splatcore.eda.board.host import Host, read_board
+
+    config, facts = read_board(board)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene, Reading(antialiased, axes, near))
+        (view,) = open_cameras(camera, None, size, source)
+    check_fits(config, view.width, view.height)
+    from splatcore.sim.frame import engines
+    from splatcore.sim.frame.choose import packed_model
+    from splatcore.sim.machine.machine import Job
+
+    with closing(Host(port, config, facts)) as host:
+        with progress_bar("packing"):
+            job = Job(packed_model(source, config, view), view)
+        host.begin()
+        begin = time.perf_counter()
+        with progress_bar("loading the model") as advance:
+            frame = host.frame(job, advance)
+        seconds = time.perf_counter() - begin
+    write_png(output, frame.pixels)
+    golden = engines.golden(config, job)
+    note_empty(source, view, golden.counts)
+    wrong, clock = int((frame.pixels != golden.pixels).any(2).sum()), facts["clock_hz"]
+    found = differences(frame.pixels, engines.truths(source, job.model, view))
+    rate = clock / max(frame.preprocessing, frame.rendering)
+    same = f"{wrong} pixels differ from" if wrong else "identical to"
+    text = f"{output}: {same} the golden model; against the reference: {metrics_line(found)}"
+    console.print(text, soft_wrap=True)
+    console.print(
+        f"{frame.preprocessing} cycles of preprocessing, {frame.rendering} of rendering: "
+        f"{rate:.1f} frames per second at {clock / 1e6:g} MHz; {seconds:.1f} s with all transfers",
+        soft_wrap=True,
+    )
+    facts_written = {
+        "scene": scene, "preset": config.name, "size": [view.width, view.height],
+        "clock_hz": clock, "preprocessing_cycles": frame.preprocessing,
+        "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
+        "seconds": round(seconds, 3), "identical": not wrong, **source.stated,
+    }  # fmt: skip
+    write_json(json, facts_written | against(found))
+    if wrong:
+        raise typer.Exit(1)

@@ -1,0 +1,260 @@
+"""The commands `train` (photographs to a scene) and `compress` (a scene to a small model)."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.app.cli import compress_options as own
+from splatcore.app.cli import options
+from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
+from splatcore.model.compress.recipe import Recipe
+from splatcore.model.formats.model_file import file_bytes
+from splatcore.model.formats.photographs import Target
+from splatcore.model.formats.ply import write_ply
+from splatcore.sim.common import output as files
+from splatcore.sim.common.cache import digest
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.table import shown
+from splatcore.sim.frame.metric import difference
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.size import parse_size, path_cameras
+from splatcore.sim.frame.source import open_source
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.preset import find_preset
+from splatcore.spec.scene import ARRAYS, Gaussians, Scene
+from splatcore.study.compression import run
+from splatcore.study.compression.steps_table import table_of, trials_of
+
+LOSS_VIEWS = 4  # views for the loss if there are no photographs
+
+
+@options.app.command("train")
+def train_command(
+    folder: own.FolderArgument,
+    output: own.OutputOption,
+    steps: own.StepsOption = 7000,
+    scale: own.ScaleOption = 1.0,
+    hold_out: own.HoldOutOption = 7,
+    seed: own.SeedOption = 0,
+    work: own.WorkOption = None,
+    antialiased: own.TrainedAntialiasedOption = False,
+    near: options.NearOption = None,
+    json: options.JsonOption = None,
+):
+    """Train a plain 3DGS scene from photographs.
+
+    The scene is a baseline for `splatcore compress`. Training starts from COLMAP's points,
+    densifies, and saves its state every 500 steps: the same command resumes an interrupted run.
+    Prints the PSNR on the held-out photographs. Needs the extra `compress`.
+    """
+    run.check_installed()
+    learn, aside = _split(folder, scale, hold_out, Reading(near=near))
+    place = work or output.with_name(output.name + ".steps")
+    scene = run.trained(folder, learn, steps, seed, place, Path(folder).name, antialiased)
+    with files.whole_file(output) as part:
+        write_ply(part, replace(scene, name=output.name))
+    found = _decibels(scene.gaussians(), aside)
+    facts = {
+        "scene": str(output), "gaussians": len(scene), "sh_degree": scene.sh_degree, "steps": steps,
+        "antialiased": scene.antialiased, "notes": list(scene.notes), "photographs": len(learn),
+        "held_out": len(aside), "against": "photographs", "psnr_db": found,
+    }  # fmt: skip
+    shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
+    console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
+    write_json(json, facts)
+
+
+@options.app.command("compress")
+def compress_command(
+    scene: options.SceneArgument,
+    output: options.ModelOption,
+    images: own.ImagesOption = None,
+    cameras: own.CamerasOption = None,
+    beside: own.BesideOption = None,
+    schedule: own.ScheduleOption = "0.4,0.4,0.4,0.2",
+    target_ratio: own.RatioOption = None,
+    target_bytes: own.BytesOption = None,
+    target_psnr: own.PsnrOption = None,
+    target_fps: own.FpsOption = None,
+    max_drop: own.DropOption = None,
+    steps: own.TuneStepsOption = Recipe.steps,
+    distill_steps: own.DistillOption = Recipe.distill_steps,
+    quantize_steps: own.QuantizeOption = Recipe.quantize_steps,
+    rate: own.RateOption = Recipe.rate,
+    order: own.OrderOption = Recipe.order,
+    degree: own.DegreeOption = None,
+    quality: own.QualityOption = None,
+    views: own.ViewsOption = 480,
+    size: own.SizeOption = "1920x1080",
+    antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
+    scale: own.ScaleOption = 1.0,
+    hold_out: own.HoldOutOption = 7,
+    seed: own.SeedOption = 0,
+    work: own.WorkOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    plain: options.PlainOption = False,
+    json: options.JsonOption = None,
+):
+    """Compress a scene into a small packed model.
+
+    Reduces harmonics, prunes, quantises, fine-tunes in between, and packs. For a target, trials
+    choose degree and number of Gaussians. Learns from photographs (--images) or rendered pictures,
+    on a path (--cameras) or all around. Resumes interrupted runs. Needs the extra `compress`.
+    """
+    run.check_installed()
+    recipe = Recipe(
+        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
+        quality, target_ratio, target_bytes, target_psnr, target_fps, max_drop, seed,
+    )  # fmt: skip
+    if max_drop is not None and images is None:
+        raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
+    config, pixels, share = find_preset(preset), parse_size(size), _beside(beside, cameras)
+    original = _opened(scene, reading := Reading(antialiased, axes, near))
+    recipe.check(original, config)
+    path = reading.seen(path_cameras(cameras, size) if cameras and not images else ())
+    learn, aside = _split(images, scale, hold_out, reading) if images else ((), ())
+    learn = learn or _own_pictures(original, path, views, pixels, seed, share, reading.near_plane)
+    place = work or output.with_name(output.name + ".steps")
+    checkpoints = Checkpoints(place, _key(original, learn, recipe, config))
+    model = run.compressed(original, learn, recipe, checkpoints, config, scene)
+    files.write(output, data := file_bytes(model, plain))
+    facts = {"scene": scene, "model": str(output), "file_bytes": len(data)}
+    facts |= facts_of(original, model, checkpoints)
+    _print_steps(checkpoints, facts)
+    facts |= _loss(original, model.gaussians(), aside, pixels, seed, path, reading)
+    _print_result(facts, json)
+
+
+def _print_steps(checkpoints: Checkpoints, facts: dict):
+    """Print the steps, and the trials if there was a choice."""
+    if facts["choice"]:
+        console.print(trials_of(facts["choice"]))
+    console.print(table_of(checkpoints, facts["original_bytes"]))
+
+
+def _print_result(facts: dict, json: Path | None):
+    """Print sizes and loss in one line; write the facts except the key "line"."""
+    line = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('line')}"
+    console.print(f"{facts['model']}: {line}", soft_wrap=True)
+    write_json(json, facts)
+
+
+def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
+    """Return the key of a compression's checkpoints: a digest of everything that changes its
+    result. Rendered pictures are represented by their cameras."""
+    arrays = [getattr(scene, name) for name in ARRAYS]
+    seen = [each if isinstance(each, Target) else each.camera for each in learn]
+    mark = " antialiased" if scene.antialiased else ""
+    return f"{digest([arrays, seen])}{mark} {recipe!r} {config!r}"
+
+
+def _beside(share: float | None, cameras: str | None) -> float:
+    """Return the share of views off the path; raise InputError if there is no path."""
+    if share is not None and not cameras:
+        raise InputError("--beside: goes with --cameras")
+    return run.BESIDE_SHARE if share is None else share
+
+
+def _opened(path: str, reading: Reading) -> Scene:
+    """Read a scene; raise InputError for a packed model."""
+    with progress_bar(f"reading {path}"):
+        return open_source(path, reading).unpacked
+
+
+def _own_pictures(
+    scene: Scene, path, views: int, size: tuple[int, int], seed: int, beside: float, near: float
+) -> tuple:
+    """Render the pictures to learn from, including those of the path's cameras."""
+    learn = run.teacher(scene, views, size, seed, path, beside, near)
+    return learn + run.pictures_at(scene, path, size) if path else learn
+
+
+def parse_schedule(text: str) -> tuple[float, ...]:
+    """Parse rates like "0.4,0.2"; raise InputError, naming the option, for anything else."""
+    try:
+        return tuple(float(word) for word in text.split(",") if word.strip())
+    except ValueError:
+        raise InputError(f"--schedule '{text}': must be shares like 0.4,0.4") from None
+
+
+def _split(path: str, scale: float, hold_out: int, reading: Reading) -> tuple[tuple, tuple]:
+    """Return the photographs to learn from and the held-out ones."""
+    if not 0 < scale <= 1:
+        raise InputError(f"--scale {scale:g}: is not in 0 … 1")
+    learn, aside = run.photographs(path, scale, hold_out or 2**30, reading)
+    if not hold_out:
+        return (*aside, *learn), ()
+    if not learn:
+        raise InputError(f"{path}: no photograph is left to learn from; try --hold-out 0")
+    return learn, aside
+
+
+def _decibels(gaussians: Gaussians, targets) -> float | None:
+    """Return the mean PSNR of the reference's pictures against targets; None if there are no
+    targets or a picture is equal to its target."""
+    from splatcore.golden.reference import render
+
+    found = [
+        difference(render(gaussians, each.camera).pixels, each.image, each.name).psnr_db
+        for each in targets
+    ]
+    return float(np.mean(found)) if found and None not in found else None
+
+
+def facts_of(scene: Scene, model: PackedModel, checkpoints: Checkpoints) -> dict:
+    """Return the sizes and the steps of a compression."""
+    original = ply_bytes(len(scene), scene.sh_degree)
+    return {
+        "original_bytes": original, "bytes": len(model.image),
+        "ratio": original / len(model.image), "gaussians": len(model),
+        "sh_degree": model.format.sh_degree, "choice": checkpoints.choice,
+        "steps": [asdict(s) for s in checkpoints.steps],
+    }  # fmt: skip
+
+
+def _sizes(facts: dict) -> str:
+    return f"{facts['bytes']:,} bytes in memory, {facts['file_bytes']:,} in the file"
+
+
+def _loss(
+    scene: Scene, packed: Gaussians, aside, size: tuple[int, int], seed: int, path, reading: Reading
+) -> dict:
+    """Measure the loss on pictures that were not used for training: held-out photographs, or
+    pictures of the original scene from other views. "line": the loss as text."""
+    from splatcore.model.cameras.capture import teacher_views
+    from splatcore.model.cameras.orbit import views_beside
+    from splatcore.model.cameras.view import core_of
+
+    original = scene.gaussians()
+    if aside:
+        before, after = (_decibels(each, aside) for each in (original, packed))
+        line = f"{after:.2f} dB on {len(aside)} held-out photographs, {before:.2f} before"
+        found = {"against": "photographs", "psnr_db": after, "psnr_db_before": before}
+        return found | {"line": line}
+    views = teacher_views(original, LOSS_VIEWS, size, seed + 1, path, near=reading.near_plane)
+    after = _own(original, packed, views)
+    line = "no difference" if after is None else f"{after:.2f} dB against the scene"
+    line += f" on {len(views)} other views"
+    found = {"against": "original", "psnr_db": after, "psnr_db_before": None}
+    if path:
+        there = views_beside(views, core_of(original).middle)
+        found["psnr_db_beside"] = {
+            name: _own(original, packed, each) for name, each in there.items()
+        }
+        parts = (f"{name} {shown(db, '.2f')}" for name, db in found["psnr_db_beside"].items())
+        line += f" of the path, off the path: {', '.join(parts)}"
+    return found | {"line": line}
+
+
+def _own(original: Gaussians, packed: Gaussians, views) -> float | None:
+    """Return the mean PSNR of the packed model's pictures against the original scene's."""
+    from splatcore.golden.reference import render
+
+    with progress_bar(f"measuring the loss on {len(views)} views"):
+        own = [Target(view, render(original, view).pixels, view.name) for view in views]
+        return _decibels(packed, own)

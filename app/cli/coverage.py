@@ -1,0 +1,47 @@
+"""The command `coverage`: branches and lines of the hardware that simulations have reached."""
+
+from collections import Counter
+from pathlib import Path
+
+from splatcore.app.cli.options import JsonOption, app, argument
+from splatcore.sim.common.output import console, write_json
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.spec.error import InputError
+
+FolderArgument = argument(Path, "DIR", "Folder with the counts of simulations.")
+
+
+@app.command("coverage")
+def coverage_command(folder: FolderArgument, json: JsonOption = None):
+    """Show which branches and lines of hdl/ simulations have reached.
+
+    Lists those not reached. Simulations write counts to DIR if the environment variable
+    SPLATCORE_COVERAGE names it; `make coverage` runs the tests of the whole machine that way. A
+    branch is an arm of a condition, taken by any instance of a part; a line is reached if an arm of
+    its conditions is taken.
+    """
+    from splatcore.sim.rtl.coverage import arms
+
+    if not [*folder.glob("*.dat")]:
+        raise InputError(f"{folder}: holds no counts of simulations; see --help")
+    found = arms(folder)
+    lines = Counter()
+    for arm, count in found.items():
+        lines[arm.place] += count
+    rows = []
+    for file in sorted({place.file for place in lines}):
+        taken = [count > 0 for arm, count in found.items() if arm.place.file == file]
+        reached = [count > 0 for place, count in lines.items() if place.file == file]
+        rows.append((file, sum(reached), len(reached), sum(taken), len(taken)))
+    rows.append(("all", *(sum(numbers) for numbers in list(zip(*rows, strict=True))[1:])))
+    table = new_table("file", ["lines", "of", "branches", "of", "%"], str(folder))
+    for file, *numbers in rows:
+        table.add_row(file, *(f"{n:,}" for n in numbers), f"{100 * numbers[2] / numbers[3]:.1f}")
+    missed = [f"{arm.place} {arm.target}: {arm.arm}" for arm in sorted(found) if not found[arm]]
+    for line in missed:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    print_whole(table)
+    if json:
+        keys = "file", "lines_reached", "lines", "branches_taken", "branches"
+        files = [dict(zip(keys, row, strict=True)) for row in rows]
+        write_json(json, {"files": files, "missed": missed})

@@ -1,0 +1,118 @@
+"""Facts about a scene or a packed model, as `splatcore info` prints them."""
+
+import os
+
+import numpy as np
+from rich.table import Table
+
+from splatcore.sim.frame.source import Source
+from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.memory import chunk_count
+from splatcore.spec.scene import Scene
+
+PERCENTILES = (0, 1, 50, 99, 100)
+NEEDLE_RATIO, FLAKE_RATIO = 1000.0, 1000.0
+"""Longest over second-longest axis above which a Gaussian is called a needle; second-longest over
+shortest above which it is called a flake."""
+
+
+def describe(source: Source) -> dict:
+    """Return facts by name: numbers, or lists of numbers (at the `PERCENTILES`)."""
+    if source.model is not None:
+        return _describe_model(source)
+    scene = source.scene
+    finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)
+    finite &= np.isfinite(scene.opacity)
+    facts = {"scene": source.name, "gaussians": len(scene), "sh_degree": scene.sh_degree}
+    facts |= source.stated | _ranges(scene[finite])
+    axes = np.sort(scene.scale[finite], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        facts["needles"] = int((axes[:, 2] > NEEDLE_RATIO * axes[:, 1]).sum())
+        facts["flakes"] = int((axes[:, 1] > FLAKE_RATIO * axes[:, 0]).sum())
+    facts["transparent"] = int((scene.opacity[finite] < ALPHA_MIN).sum())
+    del facts["near"]
+    facts["notes"] = facts.pop("notes")  # at the end of the table
+    return facts
+
+
+def _ranges(scene: Scene) -> dict:
+    """Return extents and ranges of finite Gaussians."""
+    if not len(scene):
+        return {}
+    return {
+        "lowest_corner": _rounded(scene.position.min(0)),
+        "highest_corner": _rounded(scene.position.max(0)),
+        "middle_98_percent": [
+            _rounded(np.percentile(scene.position, percent, axis=0)) for percent in (1, 99)
+        ],
+        "scale_percentiles": _rounded(np.percentile(scene.scale, PERCENTILES)),
+        "opacity_percentiles": _rounded(np.percentile(scene.opacity, PERCENTILES)),
+    }
+
+
+def _describe_model(source: Source) -> dict:
+    model = source.model
+    facts = {
+        "model": source.name,
+        "gaussians": len(model),
+        "chunks": chunk_count(len(model)),
+        "sh_degree": model.format.sh_degree,
+        **source.stated,
+        "positions": model.format.position,
+        "bytes": len(model.image),
+        "file_bytes": os.path.getsize(source.name),
+        "codebook_bytes": model.format.codebook_bytes,
+        "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
+    } | dict.fromkeys(("lowest_corner", "highest_corner", "opacity_percentiles"))
+    del facts["near"]
+    if len(model):
+        facts["lowest_corner"] = _rounded(model.position.min(0))
+        facts["highest_corner"] = _rounded(model.position.max(0))
+        facts["opacity_percentiles"] = _rounded(np.percentile(model.opacity, PERCENTILES))
+    return facts
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    """Round to five significant digits."""
+    return [float(f"{value:.5g}") for value in np.ravel(values)]
+
+
+def table(facts: dict, notes: bool = False) -> Table:
+    """Return facts as a table of two columns.
+
+    notes: with the notes, which commands otherwise print as lines of their own
+    """
+    drawn = Table(show_header=False, box=None, pad_edge=False)
+    if "antialiased" in facts:
+        reason = facts["antialiased_by"]
+        hidden = ("antialiased_by",) if notes else ("antialiased_by", "notes")
+        facts = {n: value for n, value in facts.items() if n not in hidden}
+        facts["antialiased"] = antialiased(facts["antialiased"], reason)
+    for name, value in facts.items():
+        drawn.add_row(name.replace("_", " "), _text(value))
+    return drawn
+
+
+def antialiased(value: bool, reason: str) -> str:
+    """Return "yes" or "no", opacities compensated or not, with the reason."""
+    return f"{'yes' if value else 'no'} ({reason})"
+
+
+def antialiased_line(source: Source) -> str:
+    """Return a line on a source: opacities compensated or not, with the reason."""
+    found = source.stated
+    return f"antialiased: {antialiased(found['antialiased'], found['antialiased_by'])}"
+
+
+def _text(value) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    if isinstance(value, (list, tuple)):
+        if value and isinstance(value[0], str):
+            return "\n".join(value)  # notes have commas of their own
+        return ", ".join(map(_text, value)) or "none"
+    return str(value)

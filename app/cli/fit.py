@@ -1,0 +1,228 @@
+"""The command `fit`: the smallest machine for a scene, and the preset file that describes it."""
+
+import math
+import re
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import typer
+
+from splatcore.app.cli import options
+from splatcore.app.cli.options import option
+from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.common.preset_file import write_preset
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.source import Source, camera_beside, open_cameras, open_source
+from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
+from splatcore.spec.error import InputError
+
+if TYPE_CHECKING:
+    from splatcore.study.fit.search import Fit, Knob
+    from splatcore.study.fit.views import View
+
+
+MINIMUM = {"fps": 1e-3, "psnr": 1.0}  # of --fps and --psnr
+PSNR_MAX = 200.0  # a limit for typing errors; 8 bits cannot show as much
+
+
+OutputOption = option(Path, "PRESET.toml", "Preset file to write.", "-o", panel=options.OUTPUT)
+FpsOption = option(float, "F", "Target: frames per second at 800 MHz.")
+PsnrOption = option(
+    float | None,
+    "P",
+    "Target: dB against the reference on the packed model. Default: keep DEFAULT's formats.",
+)
+GatesOption = option(
+    bool, None, "Also synthesise all parts of the machine and of DEFAULT.", "--gates"
+)
+ConfirmOption = option(
+    bool, None, "Also simulate the slowest view in RTL, which takes minutes.", "--confirm"
+)
+
+
+@options.app.command("fit")
+def fit_command(
+    scene: options.SourceArgument,
+    output: OutputOption,
+    fps: FpsOption,
+    psnr: PsnrOption = None,
+    camera: options.NextCameraOption = None,
+    cameras: options.CamerasOption = None,
+    size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
+    gates: GatesOption = False,
+    confirm: ConfirmOption = False,
+    json: options.JsonOption = None,
+):
+    """Find the smallest machine that renders a scene fast and well enough.
+
+    Every view must reach F frames per second, by the cycle model with a margin for memory, and P dB
+    against the float64 reference on the same packed model. Smallest means fewest gates. Writes a
+    preset file for --preset, with the reason for each size.
+
+    Exit status 1, and no file, if no machine reaches the targets. Also 1 if --confirm finds the
+    machine too slow in RTL, or its picture different from the golden model's.
+    """
+    begin = time.perf_counter()
+    _check_figures(fps, psnr)
+    name = _name(output)
+    source, start, views = _open(
+        name, scene, Reading(antialiased, axes, near), camera, cameras, size
+    )
+    from splatcore.study.fit.search import Impossible, fit, knobs
+
+    try:
+        with progress_bar("fitting") as advance:
+            chosen = fit(start, views, fps, psnr, lambda text: advance(0, None, text))
+    except Impossible as impossible:
+        messages.print(f"impossible: {impossible}", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
+    rows = knobs(chosen)
+    reasons = {row.name: row.reason for row in rows}
+    reasons |= {"pe_arrays": reasons["pes"], "depth": "as arithmetic"}
+    target = f"{fps:g} frames per second" + ("" if psnr is None else f", {psnr:g} dB (machine)")
+    about = f"splatcore fit {Path(scene).name}, {len(views)} views: {target}"
+    write_preset(output, chosen.config, DEFAULT, reasons, about)
+    sizes = _gates(chosen.config) if gates else {}
+    _show(chosen, rows, sizes, f"{chosen.config.name}: {target}")
+    facts = _facts(chosen, rows, sizes)
+    facts["seconds"] = round(time.perf_counter() - begin, 1)
+    console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
+    if confirm:
+        facts["confirmed"] = _confirm(chosen, views, fps)
+    asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.stated
+    write_json(json, asked | facts)
+    if confirm and not facts["confirmed"]["reached"]:
+        raise typer.Exit(1)
+
+
+def _open(
+    name: str, scene: str, reading: Reading, camera: str | None, cameras: str | None,
+    size: str | None,
+) -> "tuple[Source, Config, list[View]]":  # fmt: skip
+    """Return the scene, the machine to start from and the views to fit it to."""
+    with progress_bar(f"reading {scene}") as advance:
+        source = open_source(scene, reading)
+        own = None if camera or cameras else camera_beside(scene)
+        found = open_cameras(camera or own, cameras, size, source)
+        from splatcore.sim.frame.choose import packed_model
+        from splatcore.study.fit.views import start_config, views_of
+
+        model = packed_model(source, DEFAULT, found[0])
+        views = views_of(source.name, model, found, advance)
+        return source, start_config(name, model, found), views
+
+
+def _check_figures(fps: float, psnr: float | None):
+    """Raise InputError for targets out of range."""
+    if not (math.isfinite(fps) and MINIMUM["fps"] <= fps <= CLOCK_HZ):
+        raise InputError(f"--fps {fps:g}: is not in {MINIMUM['fps']:g} … {CLOCK_HZ:g}")
+    if psnr is not None and not (math.isfinite(psnr) and MINIMUM["psnr"] <= psnr <= PSNR_MAX):
+        raise InputError(f"--psnr {psnr:g}: is not in {MINIMUM['psnr']:g} … {PSNR_MAX:g} dB")
+
+
+def _name(path: Path) -> str:
+    """Return the preset's name, made from its file's."""
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"-o {path}: must end in .toml")
+    name = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
+    if name.upper() in PRESETS:
+        raise InputError(f"-o {path}: {name} is the name of a built-in preset")
+    return name
+
+
+def _gates(config: Config) -> dict[str, tuple[float, float]]:
+    """Synthesise each part; return NAND2-equivalents of DEFAULT and of the machine."""
+    from splatcore.study.fit.gates import part_gates
+
+    with progress_bar("synthesising") as advance:
+        before, after = (
+            part_gates(c, lambda part, c=c: advance(0, None, f"synthesising {c.name}: {part}"))
+            for c in (DEFAULT, config)
+        )
+    return {name: (before[name], after[name]) for name in before}
+
+
+def _show(found: "Fit", rows: "list[Knob]", sizes: dict, title: str):
+    """Print all tables."""
+    from splatcore.study.fit.formats import decibels
+
+    table = new_table("field", ("DEFAULT", "chosen"), title, ("reason",))
+    for row in rows:
+        table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
+    print_whole(table)
+    headings = ("preprocessing", "rendering", "frame", "FPS", "dB, machine", "max error, machine")
+    table = new_table("view", headings)
+    for view, (square, largest) in found.errors.items():
+        cycles = found.cycles(view)
+        halves = (f"{n:,}" for n in (cycles.preprocessing, cycles.rendering, cycles.frame))
+        psnr = decibels(square)
+        text = f"{psnr:.2f}" if math.isfinite(psnr) else "exact"
+        error = f"{largest * LEVELS:.1f}/{LEVELS}"
+        table.add_row(view, *halves, f"{found.fps(view):.1f}", text, error)
+    print_whole(table)
+    if sizes:
+        table = new_table("part", ("DEFAULT", "chosen"), "thousands of NAND2, all instances")
+        sizes = sizes | {"all of these": tuple(map(sum, zip(*sizes.values(), strict=True)))}
+        for name, pair in sizes.items():
+            table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))
+        print_whole(table)
+
+
+def _facts(found: "Fit", rows: "list[Knob]", sizes: dict) -> dict:
+    """Return the object that `--json` writes."""
+    from splatcore.study.fit.formats import decibels
+
+    views = {}
+    for view, (square, largest) in found.errors.items():
+        psnr = decibels(square)
+        views[view] = found.cycles(view).by_name | {
+            "fps": round(found.fps(view), 1),
+            "psnr_db_machine": psnr if math.isfinite(psnr) else None, "max_error_machine": largest,
+        }  # fmt: skip
+    return {
+        "preset": found.config.name,
+        "cycles_max": found.most,
+        "fields": {
+            row.name: {"default": row.before, "chosen": row.value, "reason": row.reason}
+            for row in rows
+        },
+        "views": views,
+        "gates": {name: {"default": a, "chosen": b} for name, (a, b) in sizes.items()},
+    }
+
+
+def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
+    """Simulate the slowest view in RTL; print and return the outcome."""
+    from splatcore.sim.machine.machine import Job
+    from splatcore.sim.machine.path import build, simulate
+    from splatcore.sim.machine.script import LPDDR4
+    from splatcore.study.bench.scenes import FRAMES, Expected, judge
+
+    name, _ = found.speed.slowest(found.config)
+    view = next(view for view in views if view.name == name)
+    golden = view.frame(found.config)
+    run = simulate(
+        build(found.config), [Job(view.model, view.camera)] * FRAMES, LPDDR4, f"simulating {name}"
+    )
+    if not run.done:
+        console.print(f"{name}: the machine failed: {run.why}", soft_wrap=True)
+        return {"view": name, "reached": False, "ended": run.why}
+    exact = np.rint(view.exact * LEVELS).astype(np.uint8)
+    facts = judge(found.config, run, Expected(view.model, view.camera, golden, {"machine": exact}))
+    cycles = facts["cycles"]
+    reached = facts["identical"] and cycles["fps_at_800mhz"] >= fps
+    same = "identical to the golden model's" if facts["identical"] else facts["difference"]
+    console.print(
+        f"{name} in RTL: {cycles['frame']:,} cycles (model {found.cycles(name).frame:,}), "
+        f"{cycles['fps_at_800mhz']:.1f} frames per second, picture {same}: "
+        f"{'confirmed' if reached else 'NOT confirmed'}",
+        soft_wrap=True,
+    )
+    return {"view": name, "reached": reached} | facts

@@ -1,0 +1,70 @@
+"""The command line `splatcore`. Bad input prints one line of error and exits with status 2."""
+
+import sys
+from importlib import import_module
+
+import typer
+
+from splatcore.app.cli.bench import bench
+from splatcore.app.cli.board import board
+from splatcore.app.cli.commands import COMMANDS
+from splatcore.app.cli.options import app
+from splatcore.app.cli.soak import soak
+from splatcore.sim.common import notes
+from splatcore.sim.common.output import messages
+from splatcore.spec.error import InputError
+
+UsageError = typer.BadParameter.__mro__[1]  # of click, or of typer's own copy of it
+
+GROUPS = {part.group: part for part in (bench, board, soak)}
+"""Groups of commands by their first word."""
+
+
+def register(words: list[str] | None = None):
+    """Import the module of one command, or of all commands.
+
+    words: a command line; None: all commands
+
+    Words that name no command (a request for help, or a mistake) need no import: the names and
+    summaries of all commands are registered, in a tenth of the time.
+    """
+    name = " ".join((words or [])[: 2 if words and words[0] in GROUPS else 1])
+    if words is None or name in COMMANDS:
+        for each in [name] if name else COMMANDS:
+            import_module(f"splatcore.app.cli.{COMMANDS[each].file}")
+        return
+    for name, entry in COMMANDS.items():
+        group, _, last = name.rpartition(" ")
+        GROUPS.get(group, app).command(last, help=entry.summary)(lambda: None)
+
+
+def main(arguments: list[str] | None = None):
+    """Run the command line; bad input prints one line on standard error and exits with status 2."""
+    register(sys.argv[1:] if arguments is None else None)
+    try:
+        with notes.printing():
+            status = app(arguments, standalone_mode=False)
+    except InputError as error:
+        refuse(str(error))
+    except UsageError as error:
+        refuse(usage(error))
+    except MemoryError:
+        refuse("out of memory; try a smaller --size")
+    sys.exit(status or 0)
+
+
+def refuse(text: str):
+    """Print an error, unless it is empty, and exit with status 2."""
+    if text:
+        messages.print(f"error: {text}", markup=False, soft_wrap=True)
+    sys.exit(2)
+
+
+def usage(error: UsageError) -> str:
+    """Return a one-line message for a usage error; empty if help was printed."""
+    text = " ".join(error.format_message().removeprefix("Invalid value for ").split()).rstrip(".")
+    return text and f"{text}; see {error.ctx.command_path} --help" if error.ctx else text
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,254 @@
+"""The command line's application object and the options that commands share."""
+
+import inspect
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer.core import TyperCommand
+
+from splatcore.app.cli.commands import COMMANDS, GROUPS, example
+from splatcore.model.formats.camera_file import split_id
+from splatcore.model.formats.model_file import is_packed
+from splatcore.model.pack.quality import LEAST_DB, QUALITIES, UNLEARNED
+from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.output import (
+    check_distinct,
+    check_folder,
+    check_writable,
+    new_folders,
+)
+from splatcore.sim.frame.source import ENGINES, camera_beside, scene_folder
+from splatcore.spec.camera import NEAR_LIMITS
+from splatcore.spec.config import PRESETS
+from splatcore.spec.convention import NEAR_PLANE
+from splatcore.spec.error import InputError
+
+FOLDER = "DIR"
+"""Placeholder for a folder in --help."""
+
+SCENE = "Scene and camera"
+MACHINE = "Machine and packing"
+OUTPUT = "Output"
+RTL = "RTL simulation"
+PICTURE = "Picture"
+"""Headings of options in --help that several commands have."""
+
+
+def flowing(text: str) -> str:
+    """Join the lines of each paragraph of a text."""
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", inspect.cleandoc(text))
+
+
+class Command(TyperCommand):
+    """A command that checks its outputs before it runs: writable, and no input among them.
+
+    A parameter of type `Path` is an output: a folder if its placeholder in the help is `FOLDER`,
+    else a file with the placeholder's suffix. Of a placeholder A|B, B holds with --cameras. A text
+    parameter that names a file or folder, with or without :ID, is an input.
+    """
+
+    def __init__(self, *arguments, help: str | None, **options):
+        super().__init__(*arguments, help=flowing(help or ""), **options)
+
+    def invoke(self, context: typer.Context):
+        values = [(each, context.params.get(each.name)) for each in self.params]
+        written = [(each, value) for each, value in values if isinstance(value, Path)]
+        choice = -1 if context.params.get("cameras") else 0
+        metavars = {each.name: (each.metavar or "").split("|")[choice] for each, _ in written}
+        folders = [path for each, path in written if metavars[each.name] == FOLDER]
+        check_distinct([(each.opts[0], path) for each, path in written], inputs_of(context.params))
+        for each, path in written:
+            check_type(each.opts[0], path, Path(metavars[each.name]).suffix)
+            (check_folder if path in folders else check_writable)(path)
+        with new_folders(folders):
+            return super().invoke(context)
+
+
+def check_type(option: str, path: Path, suffix: str):
+    """Raise InputError if a file's name has another suffix; it may have none."""
+    if suffix and path.suffix and path.suffix.lower() != suffix:
+        raise InputError(f"{option} {path}: must end in {suffix}")
+
+
+def check_quality(quality: str | None, *sources: str):
+    """Raise InputError for an unknown --quality, and for one that is given for a packed model.
+
+    sources: files of scenes and models, or names of generated scenes
+    """
+    if quality is None:
+        return
+    check_known("--quality", QUALITIES, quality)
+    for text in filter(is_packed, sources):
+        raise InputError(f"--quality {quality}: {text} is packed already")
+
+
+def inputs_of(parameters: dict[str, object]) -> Iterator[Path]:
+    """Yield the files and folders that a command reads: those its parameters name, the camera files
+    next to scenes, and the folder of scenes."""
+    yield scene_folder()
+    for value in parameters.values():
+        texts = value if isinstance(value, (list, tuple)) else [value]
+        for text in (each for each in texts if isinstance(each, str) and each):
+            path, _ = split_id(text)
+            if os.path.exists(path):
+                yield Path(path)
+                if cameras := camera_beside(path):
+                    yield Path(cameras)
+
+
+class App(typer.Typer):
+    """The application or a group of `Command`s; their examples and headings are in `COMMANDS`."""
+
+    def __init__(self, group: str = "", **options):
+        self.group = group
+        super().__init__(epilog=f"Example:  {example(group)}", **options)
+
+    def command(self, name: str | None = None, *, cls: type = Command, **options):
+        full = f"{self.group} {name}".strip()
+        if entry := COMMANDS.get(full):
+            options |= {"short_help": entry.summary, "rich_help_panel": entry.purpose}
+            options["epilog"] = f"Example:  {example(full)}"
+        return super().command(name, cls=cls, **options)
+
+    def add_group(self, part: "App"):
+        """Add a group of commands."""
+        self.add_typer(part, name=part.group, rich_help_panel=GROUPS[part.group][0])
+
+
+app = App(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    help=flowing(
+        """Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
+
+        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG), the output folder of
+        INRIA's training, or the name of a generated scene (see `splatcore scene --help`); MODEL is
+        a packed model (.splatcore).
+        """
+    ),
+)
+
+
+app.callback()(lambda: None)  # without it a single command would have no name on the command line
+
+
+def argument(kind: type, metavar: str, help: str):
+    """Declare an argument of a command.
+
+    kind: type of its value; `Path` for an output
+    metavar: placeholder for the value in --help
+    """
+    return Annotated[kind, typer.Argument(metavar=metavar, help=help)]
+
+
+def option(
+    kind: type, metavar: str | None, help: str, *names: str, panel: str | None = None, **limits
+):
+    """Declare an option of a command.
+
+    kind: type of its value; `Path` for an output
+    metavar: placeholder for the value in --help; None: the type
+    names: of the option; default: the parameter's
+    panel: heading in --help; None: "Options"
+    limits: `min` and `max`
+    """
+    declared = typer.Option(*names, metavar=metavar, help=help, rich_help_panel=panel, **limits)
+    return Annotated[kind, declared]
+
+
+SceneArgument = argument(str, "SCENE", "Scene file or generated scene.")
+SourceArgument = argument(str, "SCENE|MODEL", "Scene file, generated scene or packed model.")
+CAMERA = (
+    "Camera from a cameras.json, transforms.json or COLMAP model, or a folder with one; without ID "
+    "the first. Default: the first camera"
+)
+"""Help of --camera; the caller adds where the default is from."""
+
+CameraOption = option(
+    str | None,
+    "FILE[:ID]",
+    f"{CAMERA} of a training folder, else a generated view.",
+    "--camera",
+    panel=SCENE,
+)
+NextCameraOption = option(
+    str | None,
+    "FILE[:ID]",
+    f"{CAMERA} of the camera file next to the scene, else a generated view.",
+    "--camera",
+    panel=SCENE,
+)
+CamerasOption = option(
+    str | None,
+    "FILE[:ID,ID,…]",
+    "All cameras of a file, or these; ID,ID,… without FILE: of the camera file next to the scene.",
+    panel=SCENE,
+)
+SizeOption = option(
+    str | None,
+    "WxH",
+    "Pixels of the picture; the camera's intrinsics are scaled to it.",
+    "--size",
+    panel=SCENE,
+)
+AntialiasedOption = option(
+    bool | None,
+    None,
+    "Render with opacity compensation, for scenes trained with it. Default: as the file says.",
+    "--antialiased/--no-antialiased",
+    panel=SCENE,
+)
+NearOption = option(
+    float | None,
+    "Z",
+    f"Near plane: leave out Gaussians up to this depth. Default: {NEAR_PLANE:g}, as in 3DGS.",
+    "--near",
+    min=NEAR_LIMITS[0],
+    max=NEAR_LIMITS[1],
+    panel=SCENE,
+)
+AxesOption = option(
+    str | None,
+    "RUB|RDF|…",
+    "Directions of x, y and z in an SPZ file that does not state them; RDF (right, down, front) as "
+    "in a PLY. Default: RUB, the format's own.",
+    "--axes",
+    panel=SCENE,
+)
+PresetOption = option(
+    str,
+    "NAME|FILE",
+    f"Machine: {', '.join(PRESETS)}, or a TOML file as written by `splatcore fit`.",
+    "--preset",
+    panel=MACHINE,
+)
+SMALLEST = (
+    f"Default: the smallest of {', '.join(UNLEARNED)} that keeps {LEAST_DB:g} dB against the scene"
+)
+"""The quality that is chosen; the caller adds the views."""
+QualityOption = option(
+    str | None,
+    "NAME",
+    f"Packing of a scene: {', '.join(QUALITIES)}. {SMALLEST} in the view.",
+    "--quality",
+    panel=MACHINE,
+)
+EngineOption = option(str, "NAME", f"{', '.join(ENGINES)}.", "--engine", panel=MACHINE)
+FolderOption = option(Path, "DIR", "Folder to write into.", "-o", panel=OUTPUT)
+ModelOption = option(Path, "MODEL.splatcore", "Packed model to write.", "-o", panel=OUTPUT)
+PlainOption = option(
+    bool,
+    None,
+    "Write the plain bytes of DRAM instead of a coded file, for software that loads them directly.",
+    "--plain",
+    panel=OUTPUT,
+)
+JsonOption = option(
+    Path | None, "FILE.json", "Write the results (see docs/json.md).", "--json", panel=OUTPUT
+)

@@ -1,0 +1,116 @@
+"""The commands `scene` (generate one), `join` (put several side by side) and `info` (show one)."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from splatcore.app.cli import describe
+from splatcore.app.cli.commands import COMMANDS
+from splatcore.app.cli.options import (
+    OUTPUT,
+    AntialiasedOption,
+    AxesOption,
+    JsonOption,
+    SourceArgument,
+    app,
+    argument,
+    option,
+)
+from splatcore.model.cameras.join import in_view, side_by_side
+from splatcore.model.formats.camera_file import cameras_json
+from splatcore.model.formats.ply import write_ply
+from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
+from splatcore.sim.common import notes
+from splatcore.sim.common import output as files
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.source import View, check_source, open_source
+from splatcore.spec.camera import Camera
+from splatcore.spec.scene import Scene
+
+NameArgument = argument(str, "NAME", "Scene to generate.")
+OutputOption = option(Path, "FILE.ply", "Scene file to write.", "-o", panel=OUTPUT)
+CountOption = option(int | None, "N", "Number of Gaussians.")
+SeedOption = option(int, "N", "Random seed.")
+CamerasOption = option(Path | None, "FILE.json", "Also write the scene's camera.", panel=OUTPUT)
+ScenesArgument = argument(list[str], "SCENE …", "Scenes, from left to right.")
+BehindOption = option(
+    str | None, "SCENE", "Also put a scene behind the camera: it is loaded and never visible."
+)
+KeptOption = option(
+    int | None, "N", "Keep N Gaussians, picked evenly; those behind the camera are dropped first."
+)
+
+
+@app.command(
+    "scene",
+    help=f"{COMMANDS['scene'].summary}\n\nNAME is `garden`, the embedded default, "
+    "or one of the hard cases: " + ", ".join(name for name in GENERATORS if name != "garden") + ".",
+)
+def scene_command(
+    name: NameArgument,
+    output: OutputOption,
+    count: CountOption = None,
+    seed: SeedOption = 0,
+    cameras: CamerasOption = None,
+    antialiased: AntialiasedOption = None,
+):
+    with progress_bar(f"generating {name}"):
+        made = replace(generate(name, count, seed), antialiased=bool(antialiased))
+        _write(output, cameras, made, generated_camera(name))
+
+
+@app.command("join")
+def join_command(
+    scene: ScenesArgument,
+    output: OutputOption,
+    behind: BehindOption = None,
+    count: KeptOption = None,
+    cameras: CamerasOption = None,
+    antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+):
+    """Put scenes side by side in front of one camera, in one PLY file.
+
+    The camera is the first scene's: the first in NAME.cameras.json next to its file, else a
+    generated view. Of n scenes, each gets a column of the picture: it is moved (not turned or
+    scaled) to the middle of its column, √n times as far away as from its own camera. Surroundings
+    of real scenes overlap other columns. --cameras writes the camera.
+    """
+    reading = Reading(antialiased, axes)
+    for each in scene:
+        check_source(each, reading)
+    with progress_bar("joining"):
+        opened = (View(each, reading=reading).open() for each in scene)
+        views = [(source.unpacked, camera) for source, camera in opened]
+        unseen = open_source(behind).unpacked if behind else None
+        joined, camera = side_by_side(views, unseen, count)
+        _write(output, cameras, joined, camera)
+    console.print(f"{in_view(joined, camera)} Gaussians in view")
+
+
+def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
+    """Write a scene and its camera, and print a line about them."""
+    with files.whole_file(output) as part:
+        write_ply(part, scene)
+    if cameras:
+        files.write(cameras, cameras_json([camera]).encode())
+    console.print(f"{output}: {len(scene)} Gaussians, SH degree {scene.sh_degree}")
+
+
+@app.command("info")
+def info_command(
+    scene: SourceArgument,
+    antialiased: AntialiasedOption = None,
+    axes: AxesOption = None,
+    json: JsonOption = None,
+):
+    """Show the contents of a scene or packed model.
+
+    Prints counts, extents, ranges of values, and notes on anything unusual.
+    """
+    notes.hush()  # they are in the table
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene, Reading(antialiased, axes))
+        facts = describe.describe(source)
+    console.print(describe.table(facts, notes=True))
+    write_json(json, facts)

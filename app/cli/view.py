@@ -1,0 +1,109 @@
+"""The command `view`: a page in the browser with the machine's picture of the current view."""
+
+from splatcore.app.cli import describe, options
+from splatcore.app.cli.options import option
+from splatcore.sim.common.output import console, progress_bar
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.size import parse_size
+from splatcore.sim.frame.source import (
+    Source,
+    camera_beside,
+    check_fits,
+    open_cameras,
+    open_source,
+    own_camera,
+)
+from splatcore.spec.config import Config
+from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
+
+AT_MOST = (960, 540)
+"""Maximum size of a picture without --size: it renders in a second or two."""
+
+SERVER = "Server"
+
+HostOption = option(
+    str, "ADDRESS", "Address to listen on; 0.0.0.0: also for other computers.", panel=SERVER
+)
+PortOption = option(int, "N", "Port; 0: any free one.", min=0, max=65535, panel=SERVER)
+BrowserOption = option(bool, None, "Open the page in the browser of this computer.", panel=SERVER)
+
+
+@options.app.command("view")
+def view_command(
+    scene: options.SourceArgument,
+    camera: options.CameraOption = None,
+    size: options.SizeOption = None,
+    antialiased: options.AntialiasedOption = None,
+    axes: options.AxesOption = None,
+    near: options.NearOption = None,
+    preset: options.PresetOption = "DEFAULT",
+    quality: options.QualityOption = None,
+    host: HostOption = "127.0.0.1",
+    port: PortOption = 8080,
+    browser: BrowserOption = False,
+):
+    """Look at a scene in the browser, as the machine renders it.
+
+    While the camera moves, the browser draws the splats itself; when it rests, the page shows the
+    golden model's picture, with cycles, frames per second and error. It can also show the
+    reference's picture, error maps, splats per tile or cycles per group. Needs the extra `view`.
+    """
+    from splatcore.app.view.server import check_viser, served
+
+    config = find_preset(preset)
+    options.check_quality(quality, scene)
+    if size:
+        check_fits(config, *parse_size(size))
+    check_viser(host, port)
+    with progress_bar(f"reading {scene}"):
+        source = open_source(scene, Reading(antialiased, axes, near))
+        setting = setting_of(source, camera, size, config, quality)
+    mark = describe.antialiased_line(source)
+    with served(source, setting, host, port) as (address, _):
+        console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}", soft_wrap=True)
+        wait(address if browser else None)
+
+
+def setting_of(
+    source: Source, camera: str | None, size: str | None, config: Config, quality: str | None
+):
+    """Return the settings of a new page; raise InputError for a scene that cannot be shown."""
+    from splatcore.app.view.camera import fitting, up_of, within
+    from splatcore.app.view.page import Setting
+    from splatcore.model.formats.camera_file import read_cameras, split_id
+    from splatcore.model.pack.pack import qualities_of
+
+    if not len(source.gaussians):
+        raise InputError(f"{source.name}: has no Gaussians")
+    if quality and quality not in (known := qualities_of(config)):
+        kinds = ", ".join(known)
+        raise InputError(f"--quality {quality}: preset {config.name} renders {kinds} models only")
+    if size:
+        (view,) = open_cameras(camera, None, size, source)
+    else:
+        view = own_camera(camera, size, source)
+        source.seen_by(view)
+        view = view.resized(*fitting(config, within((view.width, view.height), AT_MOST)))
+    file = split_id(camera)[0] if camera else camera_beside(source.name)
+    cameras = read_cameras(file, size=(view.width, view.height)) if file else []
+    cameras = source.reading.seen(cameras)
+    up, mark = up_of(cameras or [view]), source.stated["antialiased_by"]
+    notes = tuple(source.notes)
+    return Setting(view, cameras, up, config, quality, source.gaussians, mark, notes)
+
+
+def wait(address: str | None):
+    """Wait for an interrupt.
+
+    address: page to open in the browser first
+    """
+    import threading
+    import webbrowser
+
+    if address:
+        webbrowser.open(address)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        console.print("ended")

@@ -1,0 +1,217 @@
+"""Output of `splatcore synth --liberty`: tables, the longest paths, mm² at 28 nm."""
+
+from collections.abc import Iterable
+from itertools import groupby
+from pathlib import Path
+
+from splatcore.eda import paper
+from splatcore.eda.cells.liberty import Library
+from splatcore.eda.cells.liberty_file import read_liberty
+from splatcore.eda.cells.opensta import write_opensta
+from splatcore.eda.cells.silicon import (
+    FO4_28NM,
+    LONG_FO4,
+    UNCERTAINTY,
+    Placed,
+    Silicon,
+    area_28nm,
+    long_paths,
+    machine_silicon,
+    silicon,
+)  # fmt: skip
+from splatcore.eda.cells.static_timing import (
+    MEMORY_ACCESS_FO4,
+    MEMORY_SETUP_FO4,
+    WIRE_INVERTERS,
+    Assumed,
+)
+from splatcore.eda.deliver.verilog import constraints
+from splatcore.eda.gates.machine_gates import netlist
+from splatcore.eda.gates.macros import memory_size
+from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
+from splatcore.sim.common.output import console, make_folder, progress_bar, write
+from splatcore.sim.common.table import comma_separated, new_table, print_whole, shown
+from splatcore.spec.config import KB, Config
+
+PARTS = STAGES | CONTROL | PRIMITIVES
+
+COLUMNS = (
+    "um²",
+    "NAND2",
+    "flip-flops",
+    "buffers",
+    "ps",
+    "FO4",
+    "ps, wires",
+    "FO4, wires",
+    "28 nm: MHz",
+)
+PATHS = ("longest", "between_registers", "longest_with_wires")
+
+
+def print_silicon(
+    config: Config, stages: list[str], liberty: str, process: float | None, output: Path | None
+) -> dict:
+    """Print stages, or the whole machine, in cells of a library.
+
+    stages: names; "top" for the whole machine
+    liberty: the library's file
+    process: its feature size in nm, to scale its area to 28 nm
+    output: folder for OpenSTA's files
+    Returns the same figures for a JSON file.
+    """
+    library = read_liberty(liberty)
+    facts, found = {"liberty": _about(library)}, {}
+    with progress_bar("mapping", len(stages)) as advance:
+        for done, name in enumerate(each for each in stages if each != "top"):
+            advance(done, len(stages), f"mapping {name}")
+            found[name] = silicon(PARTS[name](config), library)
+    if "top" in stages:
+        with progress_bar("elaborating the machine") as advance:
+            parts, found["top"] = machine_silicon(netlist(config), library, advance)
+        facts["top"] = _print_machine(config, library, parts, found["top"], process)
+        if output is not None:
+            make_folder(output)
+            rows = [{"part": name} | row for name, row in facts["top"]["parts"].items()]
+            for name, table in {"parts": rows, "paths": facts["top"]["long_paths"]}.items():
+                write(output / f"top_{name}.csv", comma_separated(table).encode())
+                console.print(str(output / f"top_{name}.csv"), soft_wrap=True)
+    facts["stages"] = {name: each.facts for name, each in found.items()}
+    _print_stages(config, library, facts["stages"])
+    for name, each in found.items():
+        if output is not None:
+            shipped = constraints(config, each.netlist.port_names()) if name == "top" else None
+            for path in write_opensta(each.timing, liberty, name, output, shipped):
+                console.print(str(path), soft_wrap=True)
+    return facts
+
+
+def _about(library: Library) -> dict:
+    """Facts of a library: its corner and its units of area and delay."""
+    assumed = Assumed.of(library)
+    return {
+        "library": library.name, "corner": library.corner,
+        "nand2": library.nand2.name, "nand2_um2": library.nand2.area,
+        "flip_flop": library.flip_flop.name, "fo4_ps": 1000 * assumed.fo4,
+        "memory_access_ps": 1000 * assumed.access, "memory_setup_ps": 1000 * assumed.memory_setup,
+    }  # fmt: skip
+
+
+def _print_stages(config: Config, library: Library, stages: dict[str, dict]):
+    """Print a table of stages and one line per path."""
+    about = _about(library)
+    table = new_table("stage", COLUMNS, f"preset {config.name} in {library.name}")
+    for name, facts in stages.items():
+        longest, wired = facts["longest"] or {}, facts["longest_with_wires"] or {}
+        slow, fast = longest.get("mhz_28nm", (None, None))
+        table.add_row(
+            name, f"{facts['um2']:,.0f}", f"{facts['nand2']:,.0f}", f"{facts['flip_flops']:,}",
+            f"{facts['buffers'] / (facts['cells'] or 1):.1%}", shown(longest.get("ps"), ",.0f"),
+            shown(longest.get("fo4"), ".1f"), shown(wired.get("ps"), ",.0f"),
+            shown(wired.get("fo4"), ".1f"), f"{shown(slow, '.0f')}–{shown(fast, '.0f')}",
+        )  # fmt: skip
+    print_whole(table)
+    for name, facts in stages.items():
+        for kind in PATHS:
+            if facts[kind] is not None and not (
+                kind == "between_registers" and facts[kind] == facts["longest"]
+            ):
+                _print(f"{name}, {kind.replace('_', ' ')}: {_described(facts[kind])}")
+    _print(
+        f"Corner: {about['corner']}. FO4 {about['fo4_ps']:.1f} ps, NAND2 "
+        f"{about['nand2_um2']:g} um² ({about['nand2']}). ASSUMED: memories "
+        f"{MEMORY_ACCESS_FO4} FO4 to their outputs and {MEMORY_SETUP_FO4} FO4 setup; with wires, "
+        f"{WIRE_INVERTERS} inverter input in addition per load; at 28 nm an FO4 of "
+        f"{1000 * FO4_28NM[0]:.0f} to {1000 * FO4_28NM[1]:.0f} ps at the slow corner and "
+        f"{UNCERTAINTY:.0%} of the period for skew and jitter, without wires. "
+        f"The paper: {paper.CLOCK_HZ / 1e6:.0f} MHz."
+    )
+
+
+def _described(path: dict) -> str:
+    """A path as a line of text: its ends, and each cell with the ps at which it switches."""
+    ends = f"from {path['from']['kind']} {path['from']['name']} to {path['to']['kind']} "
+    cells = ", ".join(f"{step['cell'] or 'begin'} {step['ps']:.0f}" for step in path["cells"])
+    return f"{path['ps']:,.0f} ps, {path['fo4']:.1f} FO4, {ends}{path['to']['name']}; ps: {cells}"
+
+
+def _print_machine(
+    config: Config, library: Library, parts: list[Placed], whole: Silicon, process: float | None
+) -> dict:
+    """Print the machine's parts, slow paths across them, mm² at 28 nm; return them for JSON."""
+    headings = ("count", "um²", "NAND2", "flip-flops", "buffers", "FO4 alone", "wires", "paper")
+    table = new_table("part", headings, f"preset {config.name} in {library.name}")
+    for stage, group in groupby(parts, key=lambda each: each.part.stage):
+        group = list(group)
+        table.add_row(stage, *_row(library, group, paper.GATES.get(stage)), style="bold")
+        for each in group:
+            table.add_row(f"  {each.part.name}", *_row(library, [each], None))
+    table.add_row("all", *_row(library, parts, paper.GATES_ALL), style="bold")
+    print_whole(table)
+    cells, total = len(whole.netlist.kinds), sum(each.um2 for each in parts)
+    _print(
+        f"Assembled: {cells:,} cells, {whole.netlist.area:,.0f} um²; the sum of the parts is "
+        f"{total:,.0f} um². Memories: {len(whole.netlist.memories)}."
+    )
+    paths = long_paths(whole.timing)
+    table = new_table(f"paths above {LONG_FO4} FO4", ("ends", "FO4", "ps"), texts=("from", "to"))
+    for row in paths:
+        name = f"{row['from_part']} → {row['to_part']}"
+        table.add_row(
+            name, f"{row['ends']:,}", f"{row['fo4']:.1f}", f"{row['ps']:,}", row["from"], row["to"]
+        )
+    print_whole(table)
+    sizes = (memory_size(module) for _, module, _ in whole.netlist.memories)
+    kilobytes = sum(words * bits for words, bits in sizes) / 8 / KB
+    mm2 = area_28nm(total / library.nand2.area, kilobytes)
+    if process:
+        mm2["logic_scaled_mm2"] = total / 1e6 * (28 / process) ** 2
+    _print(_area_line(mm2, kilobytes, process))
+    return {
+        "parts": {
+            each.part.name: {
+                "stage": each.part.stage, "count": each.count, "um2": round(each.um2, 1),
+                "nand2": round(each.um2 / library.nand2.area, 1), "flip_flops": each.flip_flops,
+                "buffers": round(each.buffers, 4), "fo4": each.fo4 and round(each.fo4, 1),
+                "fo4_wires": each.fo4_wires and round(each.fo4_wires, 1),
+            }
+            for each in parts
+        },
+        "um2": total, "long_paths": paths, "kilobytes": kilobytes, "area_28nm": mm2,
+    }  # fmt: skip
+
+
+def _area_line(mm2: dict[str, float], kilobytes: float, process: float | None) -> str:
+    logic, memories = mm2["logic_mm2"], mm2["memories_mm2"]
+    ours = f"{logic:.3f} mm² of logic and {memories:.3f} mm² for {kilobytes:.1f} KB of memories"
+    scaled = ""
+    if process:
+        scaled = (
+            f" The library's area times (28/{process:g})² is {mm2['logic_scaled_mm2']:.3f} mm² of "
+            "logic."
+        )
+    theirs = sum(paper.AREA.values()) / 1e6, sum(paper.MEMORY_AREA.values()) / 1e6
+    return (
+        f"At 28 nm with the paper's {paper.UM2_PER_GATE:.3f} um² per gate and "
+        f"{paper.UM2_PER_KB:,.0f} um² per KB: {ours}, {logic + memories:.3f} "
+        f"mm² in all.{scaled} The paper: {theirs[0]:.3f} and {theirs[1]:.3f} mm² for "
+        f"{sum(paper.MEMORIES.values())} KB, {sum(theirs):.3f} mm² in all."
+    )
+
+
+def _row(library: Library, parts: list[Placed], theirs: int | None) -> Iterable[str]:
+    """Cells of a table row: sums."""
+    yield str(parts[0].count) if len(parts) == 1 else ""
+    um2 = sum(each.um2 for each in parts)
+    yield f"{um2:,.0f}"
+    yield f"{um2 / library.nand2.area:,.0f}"
+    yield f"{sum(each.flip_flops for each in parts):,}"
+    alone = parts[0] if len(parts) == 1 else None
+    yield f"{alone.buffers:.1%}" if alone else ""
+    for depth in (alone and alone.fo4, alone and alone.fo4_wires):
+        yield shown(depth, ".1f", none="")
+    yield f"{theirs:,}" if theirs else ""
+
+
+def _print(text: str):
+    console.print(text, soft_wrap=True, markup=False)

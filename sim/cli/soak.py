@@ -1,8 +1,0 @@
-"""The group of commands `splatcore soak`."""
-
-from splatcore.sim.cli.options import App, app
-
-soak = App(
-    "soak", no_args_is_help=True, help="Random frames and faults in RTL, against the golden model."
-)
-app.add_group(soak)

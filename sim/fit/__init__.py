@@ -1,4 +1,0 @@
-"""Search for the smallest machine for a scene, and preset files.
-
-May import: spec, golden, hdl, sim.common, sim.cycles, sim.eda.
-"""

@@ -1,0 +1,64 @@
+"""The options that decide how a scene is read and viewed, as one value."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from splatcore.model.formats.spz_axes import AXES
+from splatcore.sim.common.choice import choices
+from splatcore.spec.camera import Camera
+from splatcore.spec.convention import NEAR_PLANE
+from splatcore.spec.error import InputError
+
+ANTIALIASED = {True: "--antialiased", False: "--no-antialiased"}
+"""The option that overrides a scene's mark, by its value."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Options on a scene; None: not given.
+
+    antialiased: override of the scene's mark
+    axes: axes of an SPZ file that does not state them, one of `AXES` in upper or lower case
+    near: near plane of all cameras, scene units
+
+    Raises InputError for unknown axes.
+    """
+
+    antialiased: bool | None = None
+    axes: str | None = None
+    near: float | None = None
+
+    def __post_init__(self):
+        if self.axes is not None:
+            if self.axes.upper() not in AXES:
+                raise InputError(f"--axes '{self.axes}': unknown; choose {choices(AXES)}")
+            object.__setattr__(self, "axes", self.axes.upper())
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The given options, as on the command line."""
+        axes = f"--axes {self.axes}" if self.axes else None
+        near = None if self.near is None else f"--near {self.near:g}"
+        return tuple(each for each in (ANTIALIASED.get(self.antialiased), axes, near) if each)
+
+    @property
+    def near_plane(self) -> float:
+        """The near plane of generated views."""
+        return NEAR_PLANE if self.near is None else self.near
+
+    def seen(self, cameras: Iterable[Camera]) -> list[Camera]:
+        """Return cameras with the given near plane, or with their own."""
+        if self.near is None:
+            return list(cameras)
+        return [replace(camera, near=self.near) for camera in cameras]
+
+    def check_unpacked(self, name: str):
+        """Raise InputError if an option was given that a packed model has fixed."""
+        for option in replace(self, near=None).options:
+            fixed = "axes" if option.startswith("--axes") else "mark"
+            why = f"a packed model has its own {fixed}; repack the scene"
+            raise InputError(f"{option}: {name}: {why}: splatcore pack SCENE {option} -o MODEL")
+
+
+AS_STATED = Reading()
+"""No options: everything as in the file."""

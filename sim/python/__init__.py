@@ -1,4 +1,0 @@
-"""The Python API of `import splatcore`: arrays in, arrays out, nothing printed.
-
-May import: spec, model, golden, sim.common, sim.cycles, sim.packing.
-"""

@@ -1,4 +1,0 @@
-"""The viewer: a page in the browser with the golden model's picture once the camera rests.
-
-May import: spec, model, golden, sim.common, sim.cycles, sim.machine, sim.packing.
-"""

@@ -1,5 +1,0 @@
-"""`python -m splatcore` is the command `splatcore`."""
-
-from splatcore.sim.cli.main import main
-
-main()

@@ -1,0 +1,5 @@
+"""`python -m splatcore` is the command `splatcore`."""
+
+from splatcore.app.cli.main import main
+
+main()

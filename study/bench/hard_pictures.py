@@ -1,0 +1,61 @@
+"""Pictures of the hard cases, and a contact sheet of all of them with error maps."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+
+from splatcore.sim.common.output import console
+from splatcore.sim.frame.metric import LEVELS, channel_error
+from splatcore.sim.frame.picture import DOTS_PER_INCH, write_figure, write_png
+from splatcore.study.bench.hard_cases import Outcome
+from splatcore.study.bench.hard_tables import decibels
+
+SHEET = "hard-cases.png"  # contact sheet in the folder of pictures
+
+SHEET_COLUMNS, INCHES = 4, (3.8, 1.9)
+"""Cases per row of the contact sheet, and size of a case: its picture and its error map."""
+
+
+def write_pictures(folder: Path, outcomes: list[Outcome], engine: str):
+    """Write a picture of each case that has one, and the contact sheet."""
+    folder.mkdir(exist_ok=True)
+    drawn = [outcome for outcome in outcomes if outcome.pixels is not None]
+    for outcome in drawn:
+        write_png(folder / f"{outcome.name}.png", outcome.pixels)
+    if drawn:
+        write_sheet(folder / SHEET, drawn, engine)
+    console.print(str(folder), soft_wrap=True)
+
+
+def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
+    """Write all pictures, each with its error map on the right, on one common scale."""
+    errors = [channel_error(outcome.pixels, outcome.reference) for outcome in outcomes]
+    columns = min(SHEET_COLUMNS, len(outcomes))
+    rows = -(-len(outcomes) // columns)
+    size = columns * INCHES[0], rows * INCHES[1] + 1
+    figure = Figure(size, DOTS_PER_INCH, layout="constrained")
+    axes = figure.subplots(rows, 2 * columns, squeeze=False)
+    for one in axes.ravel():
+        one.set_axis_off()
+    norm = PowerNorm(0.5, vmin=0, vmax=max(1, *(int(error.max()) for error in errors)))
+    for place, (outcome, error) in enumerate(zip(outcomes, errors, strict=True)):
+        row, column = divmod(place, columns)
+        left, right = axes[row, 2 * column : 2 * column + 2]
+        _show(left, outcome.pixels, outcome.name)
+        value = decibels(outcome.psnr_db, outcome.error is not None)
+        value = f"{value} dB" if outcome.psnr_db is not None else value.replace("–", "packing")
+        image = _show(right, error, f"{value}, {'pass' if outcome.passed else 'FAIL'}", norm)
+    against = "of packing" if engine == "reference" else "of the machine"
+    label = f"error {against}, of {LEVELS}"
+    figure.colorbar(image, ax=axes, label=label, orientation="horizontal", shrink=0.5, aspect=50)
+    figure.suptitle(f"The hard cases by engine {engine}", fontsize=11)
+    write_figure(path, figure)
+
+
+def _show(axes: Axes, values: np.ndarray, title: str, norm: PowerNorm | None = None):
+    """Show a picture, or errors on the scale of a norm; return the image for a colour bar."""
+    axes.set_title(title, fontsize=8)
+    return axes.imshow(values, cmap="inferno", norm=norm, interpolation="nearest")

@@ -1,0 +1,212 @@
+"""`splatcore bench scenes`: cycles and error of many scenes on the machine in RTL simulation.
+
+Three frames are rendered per view, so that both halves are busy and memory gives priority to the
+half that was slower in the previous frame. Each result is a file, which is reused until the
+machine's Verilog, the packing code, the view or the memory changes.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from splatcore.golden import pipeline
+from splatcore.model.formats.camera_file import read_camera
+from splatcore.sim.common.cache import digest, with_key
+from splatcore.sim.common.output import console, progress_bar, write, write_json
+from splatcore.sim.common.sources import code_key
+from splatcore.sim.common.table import comma_separated, in_markdown, shown
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.frame.choose import packed_model
+from splatcore.sim.frame.engines import cycles, golden, truths
+from splatcore.sim.frame.metric import against, decibels, differences
+from splatcore.sim.frame.reading import AS_STATED, Reading
+from splatcore.sim.frame.size import shape_of
+from splatcore.sim.frame.source import View, check_fits, scene_files
+from splatcore.sim.machine.diagnosis import diagnose
+from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
+from splatcore.sim.machine.path import build, simulate
+from splatcore.sim.machine.script import Timing
+from splatcore.spec.camera import Camera
+from splatcore.spec.config import CLOCK_HZ, Config
+from splatcore.spec.packed import PackedModel
+
+FRAMES = 3
+"""Frames per view: a frame's tiles are rendered while points of the next frame are processed."""
+
+MORE_CAMERAS = {"kitchen.spz": ("kitchen_inside_0", "kitchen_inside_150")}
+"""Cameras that are measured in addition to a scene's first."""
+
+MEGABYTE = 1e6
+
+CYCLES = ("preprocessing", "rendering", "frame")
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """A view's packed model, the golden model's frame, and the reference's pictures (`truths`)."""
+
+    model: PackedModel
+    camera: Camera
+    golden: pipeline.Frame
+    truths: dict[str, np.ndarray]
+
+
+def views(
+    scenes: list[str], cameras: str | None, size: str, quality: str | None = None,
+    reading: Reading = AS_STATED,
+) -> list[View]:  # fmt: skip
+    """The views of scenes, or of all scenes in the shared folder if none is named."""
+    found = []
+    for scene in scenes or map(str, scene_files()):
+        named = cameras.split(",") if cameras else ["", *MORE_CAMERAS.get(Path(scene).name, ())]
+        ids = (camera.strip() for camera in named)
+        found += [View(scene, i, size, None, quality, reading) for i in ids]
+    for view in found:
+        if view.camera_text:
+            read_camera(view.camera_text, shape_of(view.size))
+    return found
+
+
+def bench_scenes(config: Config, found: list[View], timings: list[Timing], folder: Path) -> bool:
+    """Measure the missing views and write tables; return whether all equal the golden model."""
+    simulator, rows = Simulator(config), []
+    for view, timing in product(found, timings):
+        path = folder / f"{view.name.replace(':', '-')}-{view.size}-{timing.name}.json"
+        rows.append(simulator.row(view, timing, path))
+        console.print(line(rows[-1]), soft_wrap=True)
+    write(folder / "scenes.md", markdown(rows).encode())
+    write(folder / "scenes.csv", comma_separated([dict(cells(row)) for row in rows]).encode())
+    return all(row["identical"] for row in rows)
+
+
+class Simulator:
+    """A machine in RTL simulation, built when the first view has to be simulated."""
+
+    def __init__(self, config: Config):
+        self.config, self.source = config, machine_source(config)
+
+    @cached_property
+    def machine(self) -> Machine:
+        return build(self.config, source=self.source)
+
+    def row(self, view: View, timing: Timing, path: Path) -> dict:
+        """A view's result: read from the file if it was a success, else simulated and written."""
+        packs = code_key(packed_model)
+        about = [self.source, packs, repr(self.config), view.name, view.size, timing, FRAMES]
+        key = digest(about)
+        row = with_key(path, key)
+        if row is None or not row["identical"]:
+            expected = expect(self.config, view)
+            row = {"key": key} | measure(self.machine, view, expected, timing)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, row)
+        return row
+
+
+@lru_cache(maxsize=1)
+def expect(config: Config, view: View) -> Expected:
+    """Pack a view's scene, and render it by golden model and reference."""
+    with progress_bar(f"packing {view.name}"):
+        source, camera = view.open()
+        check_fits(config, camera.width, camera.height)
+        model = packed_model(source, config, camera, view.quality)
+    frame = golden(config, Job(model, camera))
+    return Expected(model, camera, frame, truths(source, model, camera))
+
+
+def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
+    """Simulate a view and return its result."""
+    begin, config = time.perf_counter(), machine.config
+    jobs = [Job(expected.model, expected.camera)] * FRAMES
+    run = simulate(machine, jobs, timing, f"{view.name}, {timing.name}")
+    row = {
+        "scene": Path(view.scene).name, "camera": view.camera or expected.camera.name,
+        "quality": view.quality, "bytes_per_gaussian": expected.model.bytes_per_gaussian,
+        "size": view.size, "preset": config.name, "timing": asdict(timing),
+        "seconds": round(time.perf_counter() - begin, 1), "simulated_cycles": run.report.cycles,
+        "identical": False, "ended": run.why,
+    }  # fmt: skip
+    if not run.done:
+        return row
+    return row | judge(config, run, expected)
+
+
+def judge(config: Config, run: Run, expected: Expected) -> dict:
+    """Cycles, error and traffic of a finished run."""
+    wrong = [diagnose(config, run, k, expected.golden) for k in range(len(run.frames))]
+    frame = run.frame_cycles[-1]
+    taken = {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
+    return {
+        "identical": not any(wrong),
+        "difference": str(next((text for text in wrong if text), "")),
+        **against(differences(run.frames[-1].pixels, expected.truths)),
+        "cycles": cycles(run) | taken | {"rendering_alone": run.rendering_cycles[-1]},
+        "model_cycles": frame_cycles(config, expected.golden).by_name,
+        "traffic_bytes": run.frames[-1].traffic, "counters": run.frames[-1].counters,
+        "counts": expected.golden.counts,
+    }  # fmt: skip
+
+
+def line(row: dict) -> str:
+    """A result as a line of text."""
+    text = f"{row['scene']} {row['camera']}, {row['timing']['name']}: "
+    if "cycles" not in row:
+        return text + row["ended"]
+    found = row["cycles"]
+    same = "identical" if row["identical"] else f"NOT identical: {row['difference']}"
+    return text + (
+        f"{found['frame']:,} cycles, {found['fps_at_800mhz']:.1f} FPS, {same}, "
+        f"dB: machine {decibels(row, 'machine')}, scene {decibels(row, 'scene')}, "
+        f"{row['seconds']:.0f} s"
+    )
+
+
+def cells(row: dict) -> Iterator[tuple[str, object]]:
+    """A result as (column, value) pairs."""
+    yield from ((name, row[name]) for name in ("scene", "camera", "size"))
+    yield "timing", row["timing"]["name"]
+    yield "identical", "yes" if row["identical"] else "no"
+    if "cycles" not in row:
+        return
+    metrics = ("psnr_db_", "ssim_", "max_error_")
+    yield from ((name, value) for name, value in row.items() if name.startswith(metrics))
+    yield from row["cycles"].items()
+    yield from ((f"model_{name}", value) for name, value in row["model_cycles"].items())
+    yield from ((f"mb_{cause}", n / MEGABYTE) for cause, n in row["traffic_bytes"].items())
+
+
+def markdown(rows: list[dict]) -> str:
+    """Three Markdown tables: cycles and error, the cycle model's stages, traffic by cause."""
+    done = [row for row in rows if "cycles" in row]
+    titles = [
+        f"{row['scene']} {row['camera']}, {row['timing']['name']}"
+        + (f", {row['quality']}" if row["quality"] else "")
+        for row in done
+    ]
+    frames = [
+        {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
+        | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
+        | {"identical": "yes" if row["identical"] else "no"}
+        | {"dB, scene": decibels(row, "scene"), "dB, machine": decibels(row, "machine")}
+        | {"SSIM, machine": shown(row["ssim_machine"], ".5f")}
+        | {"max error, machine": f"{row['max_error_machine']:.4f}"}
+        | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
+        for row in done
+    ]  # fmt: skip
+    model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
+    traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
+    tables = {
+        "Thousands of cycles per frame in RTL; the picture against the float64 reference on the "
+        "scene as trained (scene) and on the same packed model (machine):": frames,
+        "Thousands of cycles by the cycle model:": model,
+        "Megabytes per frame, by cause:": traffic,
+    }
+    parts = [part for title, rows in tables.items() for part in (title, in_markdown(titles, rows))]
+    if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
+        parts += ["Failed:", "\n".join(failed)]
+    return "\n\n".join(parts) + "\n"

@@ -1,0 +1,163 @@
+"""Comparison with the paper's tables: operations of stage 1, gates, memories."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+
+from matplotlib.figure import Figure as Canvas
+
+from splatcore.eda import paper
+from splatcore.eda.gates.synth import DEPTH_MAX
+from splatcore.sim.common.plot import legend_below, side_by_side
+from splatcore.spec.config import KB
+from splatcore.spec.microprogram import projection
+from splatcore.spec.preset import find_preset
+from splatcore.study.report.page import THOUSAND, Card, Column, Item, Table, plotted
+from splatcore.study.report.results import Facts, Results
+
+BITS = 8  # of a byte
+
+
+def operations(results: Results) -> Iterator[Item]:
+    """Operation counts of stage 1 with and without products with zeros."""
+    rows = [paper_row("with zeros", paper.PES_DENSE, None)]
+    rows.append(paper_row("without zeros", paper.PES, paper.PES_BUSY))
+    for facts in results.each(("programs", "programs-paper")):
+        rows += [own_row(facts, "with zeros", False), own_row(facts, "without zeros", True)]
+    yield Table(
+        "operations",
+        "Operations of stage 1 per Gaussian with harmonics of degree 1, with and without products "
+        "with the zeros of the Jacobian. Ours multiply by L of Σ = L·Lᵀ from the packed model, "
+        "fold camera and focal lengths into constants of the frame, and add extents for binning. "
+        "Saved: operations that skipping the zeros saves.",
+        [
+            Column("machine"), Column("products"), Column("all", "operations", 0),
+            Column("×", "", 0), Column("+ and −", "", 0), Column("÷ and √", "", 0),
+            Column("clamp, maximum", "", 0), Column("PEs", "", 0),
+            Column("cycles", "per Gaussian", 0), Column("PEs busy", "%", 1),
+            Column("saved", "% of operations", 1),
+        ],
+        [
+            [*row, None if n % 2 == 0 else 100 * (1 - row[2] / rows[n - 1][2])]
+            for n, row in enumerate(rows)
+        ],
+        ("programs", "programs-paper"),
+    )  # fmt: skip
+    if len(rows) > 2:
+        yield Card(
+            "Gain of each idea", f"{rows[2][2]} → {rows[3][2]}",
+            "operations of stage 1 per Gaussian without products with zeros; the paper: "
+            f"{rows[0][2]} → {rows[1][2]}",
+        )  # fmt: skip
+
+
+def paper_row(products: str, pes: int, busy: float | None) -> list:
+    """The paper's counts; it has no counts of clamps and cycles."""
+    counts = paper.OPERATIONS[products]
+    return [
+        "the paper", products, counts["operations"], counts["multiply"],
+        counts["add"] + counts["subtract"], counts["divide"], None, pes, None,
+        busy and 100 * busy,
+    ]  # fmt: skip
+
+
+def own_row(facts: Facts, products: str, skip_zeros: bool) -> list:
+    """Counts of a machine's program for its degree of harmonics."""
+    config = replace(find_preset(facts["preset"]), skip_zeros=skip_zeros)
+    row = facts["programs"][projection(config).name]
+    return [
+        facts["preset"], products, row["operations"], row["multiply"], row["add"],
+        row["divide_or_root"], row["choose"], row["pes"], row["cycles_an_item"],
+        100 * row["pes_busy"],
+    ]  # fmt: skip
+
+
+def gates(results: Results) -> Iterator[Item]:
+    """Gates of each stage and part."""
+    facts = results.facts("synth")
+    top, stages = facts["top"], Counter()
+    for part in top["parts"].values():
+        stages[part["stage"]] += part["nand2"]
+    ratio = top["nand2"] / paper.GATES_ALL
+    yield Card(
+        "How large", f"{top['nand2'] / THOUSAND:,.0f} k",
+        f"NAND2-equivalents without memories, {ratio:.0%} of the paper's "
+        f"{paper.GATES_ALL / THOUSAND:,.0f} k",
+    )  # fmt: skip
+
+    def draw(figure: Canvas):
+        axes = figure.subplots()
+        kilo = {
+            facts["preset"]: [nand2 / THOUSAND for nand2 in stages.values()],
+            "the paper": [paper.GATES.get(s, float("nan")) / THOUSAND for s in stages],
+        }
+        side_by_side(axes, list(stages), kilo)
+        axes.set_xlabel("thousands of NAND2-equivalents")
+        legend_below(figure, axes, 2)
+
+    yield plotted(
+        "gates-by-stage",
+        "Gates by stage, ours and the paper's. The paper has no stage for binning; its four "
+        "sorters have 256 entries each and find the maximum of all entries at once.",
+        "Bars of each stage, ours and the paper's.",
+        1 + 0.34 * len(stages), draw, "synth",
+    )  # fmt: skip
+    rows, strong = [], set()
+    for stage, nand2 in stages.items():
+        theirs = paper.GATES.get(stage)
+        strong.add(len(rows))
+        rows.append([stage, None, nand2 / THOUSAND, None, None, theirs and theirs / THOUSAND])
+        rows += [
+            [
+                f"{stage}: {name.replace('_', ' ')}", part["count"], part["nand2"] / THOUSAND,
+                part["speed_nand2"] / THOUSAND, part["speed_depth"], None,
+            ]
+            for name, part in top["parts"].items()
+            if part["stage"] == stage
+        ]  # fmt: skip
+    strong.add(len(rows))
+    rows.append(
+        ["all", None, top["nand2"] / THOUSAND, top["speed_nand2"] / THOUSAND, None,
+         paper.GATES_ALL / THOUSAND]
+    )  # fmt: skip
+    yield Table(
+        "gates",
+        "Gates of the whole machine, with flip-flops and without memories, mapped for area and "
+        "for speed. Depth: gates on the longest path between registers, mapped for speed; 800 MHz "
+        f"in 28 nm allow {DEPTH_MAX}.",
+        [
+            Column("part"), Column("count", "", 0, none=""), Column("for area", "k NAND2", 1),
+            Column("for speed", "k NAND2", 1, none=""), Column("depth", "gates", 0, none=""),
+            Column("the paper", "k", 1, none=""),
+        ],
+        rows, ("synth",), frozenset(strong),
+    )  # fmt: skip
+
+
+def memories(results: Results) -> Iterator[Item]:
+    """On-chip memories by stage, and the paper's five."""
+    facts = results.facts("memories")
+    sizes = {
+        stage: sum(m["words"] * m["bits"] * m["count"] for m in parts) / BITS / KB
+        for stage, parts in facts["stages"].items()
+    }
+    yield Card(
+        "How large", f"{facts['kilobytes']:.1f} KB",
+        f"of on-chip memory; the paper: {sum(paper.MEMORIES.values())}",
+    )  # fmt: skip
+    rows = [[facts["preset"], stage, size] for stage, size in sizes.items()]
+    rows.append([facts["preset"], "all", facts["kilobytes"]])
+    strong = {len(rows) - 1}
+    rows += [["the paper", name, size] for name, size in paper.MEMORIES.items()]
+    rows.append(["the paper", "all", sum(paper.MEMORIES.values())])
+    strong.add(len(rows) - 1)
+    yield Table(
+        "memories",
+        "On-chip memories. The paper divides them differently: its lists are stored on chip as far "
+        "as they fit, ours are streamed through DRAM.",
+        [Column("machine"), Column("memory"), Column("size", "KB", 2)],
+        rows, ("memories",), frozenset(strong),
+    )  # fmt: skip
+
+
+BLOCKS = (operations, gates, memories)

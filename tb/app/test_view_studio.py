@@ -1,0 +1,169 @@
+"""The viewer's pictures and numbers, against golden model, reference and cycle model."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from splatcore.app.view import layers, text
+from splatcore.app.view.studio import Request, Shown, Studio
+from splatcore.app.view.worker import Failed, Progress, serve
+from splatcore.golden import pipeline, reference
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.pack.pack import pack
+from splatcore.sim.cycles.frame import frame_cycles, group_cycles
+from splatcore.sim.frame.metric import LEVELS, psnr
+from splatcore.sim.frame.picture import error_picture
+from splatcore.sim.frame.source import Source
+from splatcore.spec.config import TINY
+from splatcore.spec.convention import TILE
+from splatcore.spec.error import InputError
+
+SIZE = 60, 44  # ends within a tile, and within a group, on both axes
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return generate("garden", 400)
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return generated_camera("garden").resized(*SIZE)
+
+
+@pytest.fixture(scope="module")
+def model(scene):
+    return pack(scene, TINY)[0]
+
+
+@pytest.fixture(scope="module")
+def frame(model, camera):
+    return pipeline.render(TINY, model, camera)
+
+
+@pytest.fixture(scope="module")
+def studio(scene):
+    return Studio(Source("garden", scene=scene))
+
+
+def last(studio, *request, **more) -> Shown:
+    """Run a request; return its last answer."""
+    *_, shown = studio.steps(Request(*request, **more), lambda text, share: None)
+    assert shown.done
+    return shown
+
+
+def lengths(frame, config) -> np.ndarray:
+    """Number of splats per tile [rows, columns], counted entry by entry."""
+    height, width = frame.pixels.shape[:2]
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    across = -(-columns // config.group)
+    found = np.zeros((rows + config.group, columns + config.group), int)
+    for group, mask in zip(frame.binned.group, frame.binned.entries["mask"], strict=True):
+        for bit in range(config.group**2):
+            row, column = divmod(int(group), across)
+            down, right = divmod(bit, config.group)
+            found[row * config.group + down, column * config.group + right] += int(mask) >> bit & 1
+    assert not found[rows:].any() and not found[:, columns:].any()
+    return found[:rows, :columns]
+
+
+def test_each_layer(studio, scene, model, frame, camera):
+    of_model = reference.render(model.gaussians(), camera).pixels
+    of_scene = reference.render(scene.gaussians(), camera).pixels
+    expected = {
+        layers.MACHINE: frame.pixels, layers.MODEL: of_model, layers.SCENE: of_scene,
+        layers.ERROR_MODEL: error_picture(frame.pixels, of_model),
+        layers.ERROR_SCENE: error_picture(frame.pixels, of_scene),
+        layers.TILES: layers.map_picture(lengths(frame, TINY), TILE, *SIZE),
+        layers.GROUPS: layers.map_picture(group_cycles(TINY, frame), TILE * TINY.group, *SIZE),
+    }  # fmt: skip
+    assert list(expected) == list(layers.LAYERS)
+    assert len({picture.tobytes() for picture in expected.values()}) == len(expected)
+    for layer, pixels in expected.items():
+        shown = last(studio, camera, TINY, "compact", layer)
+        np.testing.assert_array_equal(shown.pixels, pixels, layer)
+        assert shown.facts["layer"] == layer
+
+
+def test_the_picture_comes_first(studio, camera):
+    """The machine's picture is sent before any reference is rendered."""
+    calls = []
+    moved = replace(camera, translation=camera.translation + 0.01)
+    shown = next(studio.steps(Request(moved, TINY), lambda *call: calls.append(call)))
+    assert shown.pixels is not None and not shown.done and "cycles" in shown.facts
+    assert not [text for text, _ in calls if "reference" in text]
+    assert [share for text, share in calls if "golden" in text] == [0, 0.25, 0.5, 0.75]
+
+
+def test_numbers(studio, scene, model, frame, camera):
+    facts = last(studio, camera, TINY).facts
+    found = frame_cycles(TINY, frame)
+    assert facts["cycles"]["frame"] == found.frame and facts["quality"] == "compact"
+    for name, exact in (("machine", model.gaussians()), ("scene", scene.gaussians())):
+        drawn = reference.render(exact, camera).pixels
+        db = psnr(frame.pixels / LEVELS, drawn / LEVELS)
+        assert facts[f"psnr_db_{name}"] == pytest.approx(db)
+        assert f"{db:.2f}" in text.facts_text(facts)
+    printed = text.facts_text(facts)
+    for part in (f"{found.frame:,}", f"{found.raster:,}", "TINY, compact, 60×44"):
+        assert part in printed
+    half, stage = found.binding
+    assert f"Bottleneck: **{stage}** in {half}" in printed
+    assert getattr(found, half) == found.frame
+    others = {"rendering": ("sort", "raster")}.get(half, ("cull", "place", "project", "bin"))
+    assert getattr(found, stage) == max(getattr(found, each) for each in others)
+
+
+def test_cycles_of_groups(frame):
+    cycles = group_cycles(TINY, frame)
+    counts = np.diff(frame.start).reshape(cycles.shape)
+    assert cycles.shape == (2, 2) and ((cycles > 0) == (counts > 0)).all()
+    whole = frame_cycles(TINY, frame).rendering
+    assert 0.5 * whole < cycles.sum() < whole
+
+
+def test_a_packed_model(model, frame, camera):
+    """A packed model is its own scene: both references are the same."""
+    studio = Studio(Source("packed", model=model))
+    one, other = (last(studio, camera, TINY, None, layer) for layer in (layers.MODEL, layers.SCENE))
+    np.testing.assert_array_equal(one.pixels, other.pixels)
+    assert one.facts["quality"] is None and "psnr_db_scene" not in one.facts
+
+
+def test_too_large(studio, camera):
+    with pytest.raises(InputError, match="TINY renders up to 64x64"):
+        last(studio, camera.resized(65, 40), TINY)
+
+
+@pytest.mark.parametrize("at", [0, 3, 6])
+def test_a_newer_request_ends_the_work(scene, camera, at):
+    """Once a newer request exists, nothing more is sent, at whatever stage the work is."""
+    newest, sent = SimpleNamespace(value=1), []
+
+    def send(answer):
+        sent.append(answer)
+        if len(sent) == at + 1:
+            newest.value = 2
+
+    serve(Studio(Source("garden", scene=scene)), 1, Request(camera, TINY), send, newest)
+    assert len(sent) == at + 1 and all(number == 1 for number, _ in sent)
+
+
+def test_failures_are_reported(studio, camera):
+    sent = []
+    request = Request(camera.resized(640, 360), TINY)
+    serve(studio, 1, request, lambda answer: sent.append(answer[1]), SimpleNamespace(value=1))
+    assert len(sent) == 1 and isinstance(sent[0], Failed) and "picture of 640x360" in sent[0].why
+
+
+@pytest.mark.slow
+def test_simulation(studio, frame, camera):
+    sent = []
+    request = Request(camera, TINY, layer=layers.RTL)
+    serve(studio, 1, request, lambda answer: sent.append(answer[1]), SimpleNamespace(value=1))
+    np.testing.assert_array_equal(sent[-1].pixels, frame.pixels)
+    assert "identical to the golden model" in text.rtl_text(sent[-1].facts)
+    assert any(isinstance(one, Progress) and "simulating" in one.text for one in sent)

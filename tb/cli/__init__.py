@@ -1,1 +1,0 @@
-"""Tests of the command line: commands run as a user runs them."""

@@ -1,0 +1,170 @@
+"""Delivered Verilog in other tools: readable names, two machines in one design, FuseSoC."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from splatcore.eda.deliver.names import readable, without_source
+from splatcore.eda.deliver.verilog import Names, lint, stage_source, write_top
+from splatcore.hdl.points.place import Place
+from splatcore.spec.config import TINY
+from tb.helpers.command import ROOT, check_refused, run
+from tb.helpers.runs import needs_icarus
+
+NETS = re.compile(r"^  (?:wire|reg) (?:\[\S+\] )?(\S+)", re.M)
+
+WIDE = replace(TINY, name="WIDE", port=256)
+
+PAIR = """\
+module pair(input clk, input rst, output one, output other);
+  left_top left(.clk(clk), .rst(rst), .interrupt(one));
+  right_top right(.clk(clk), .rst(rst), .interrupt(other));
+endmodule
+"""
+
+GENERATED = """\
+module top(a, b);
+  (* src = "/home/x/hdl/left.py:3" *)
+  wire \\$1 ;
+  wire \\$2 ;
+  wire \\$3 ;
+  wire [3:0] \\b$4.low ;
+  wire \\$5 ;
+  reg \\begin ;
+  reg b_4__low;
+  wire \\$6 ;
+  wire c_next;
+  assign \\$1  = a & (* src = "/home/x/lib/site-packages/amaranth/right.py:7|/x/y.py:8" *) \\$3 ;
+  assign \\$2  = \\b$4.low [3];
+  assign \\$5  = 1'h0;
+  always @(posedge clk)
+    \\begin  <= \\$3 ;
+    c <= \\$6 ;
+endmodule
+"""
+
+NAMED = """\
+module top(a, b);
+  (* src = "hdl/left.py:3" *)
+  wire right_py_7_1 ;
+  wire b_4__low_3_2 ;
+  wire begin__next ;
+  wire [3:0] b_4__low_ ;
+  wire net_5 ;
+  reg begin_ ;
+  reg b_4__low;
+  wire net_6 ;
+  wire c_next;
+  assign right_py_7_1  = a & (* src = "amaranth/right.py:7|y.py:8" *) begin__next ;
+  assign b_4__low_3_2  = b_4__low_ [3];
+  assign net_5  = 1'h0;
+  always @(posedge clk)
+    begin_  <= begin__next ;
+    c <= net_6 ;
+endmodule
+"""
+
+
+def test_each_kind_of_name():
+    """Names from a source line, a slice, a register's next value; keywords and used names."""
+    assert readable(GENERATED) == NAMED
+    assert "(*" not in without_source(NAMED) and without_source(NAMED).count("\n") == 17
+
+
+def test_names_of_a_stage():
+    """Names are plain and unique; most contain the Python line that made the net."""
+    text = stage_source("place", Place(TINY), TINY, names=Names("mine"))
+    assert "\\" not in text and "splatcore_" not in text and "module mine_place(" in text
+    for module in text.split("\nendmodule"):
+        nets = [name.rstrip(";") for name in NETS.findall(module)]
+        assert len(set(nets)) == len(nets)
+    nets = NETS.findall(text)
+    assert len([name for name in nets if name.startswith("net_")]) < len(nets) / 5
+    files = set(re.findall(r'src = "([^":|]+)', text))
+    assert "hdl/points/array.py" in files
+    assert all((ROOT / file).is_file() for file in files if not file.startswith("amaranth/"))
+    bare = stage_source("place", Place(TINY), TINY, names=Names("mine", source_lines=False))
+    assert "src =" not in bare and NETS.findall(bare) == nets and len(bare) < 0.9 * len(text)
+
+
+@pytest.mark.verify
+def test_two_machines_in_one_design(tmp_path):
+    """Two machines with different prefixes and port widths share no module name; lint passes."""
+    sources = []
+    for config, names in ((TINY, Names("left")), (WIDE, Names("right", source_lines=False))):
+        folder = tmp_path / names.prefix
+        write_top(config, folder, names)
+        sources += [folder / name for name in names.sources]
+    (tmp_path / "pair.v").write_text(PAIR)
+    lines = lint("pair", tmp_path / "pair.v", *sources)
+    assert all("PINMISSING" in line for line in lines if line.startswith("%Warning")), lines
+    assert all("warning(s)" in line for line in lines if line.startswith("%Error")), lines
+    modules = re.findall(r"^module (\w+)", "".join(path.read_text() for path in sources), re.M)
+    assert len(set(modules)) == len(modules)
+
+
+def test_prefixes_must_be_identifiers(capsys):
+    for name in ("2x", "a-b", "é", ""):
+        check_refused(capsys, f"verilog -o none --prefix={name}", "is not a Verilog identifier")
+
+
+@pytest.fixture(scope="module")
+def delivered(tmp_path_factory) -> Path:
+    """A folder with `rtl/`, written by `splatcore verilog`."""
+    folder = tmp_path_factory.mktemp("flow")
+    assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
+    return folder
+
+
+def flow(folder: Path, target: str) -> subprocess.CompletedProcess:
+    """Run the commands of docs/integration.md for a FuseSoC target."""
+    text = (ROOT / "docs" / "integration.md").read_text()
+    (block,) = re.findall(r"^```sh\n(root=.*?)^```", text, re.M | re.S)
+    variables = {k: v for k, v in os.environ.items() if k != "VERILATOR_ROOT"}
+    variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), variables["PATH"]])
+    return subprocess.run(
+        ["bash", "-ec", block.replace("lint", target)],
+        cwd=folder, env=variables, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_fusesoc_lint(delivered):
+    done = flow(delivered, "lint")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "-Wall" in "".join(path.read_text() for path in delivered.rglob("*.vc"))
+
+
+@needs_icarus
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [False, True])
+def test_fusesoc_sim(delivered, tmp_path, fault):
+    """The testbench passes in Icarus, and fails if it expects another ID."""
+    folder = Path(shutil.copytree(delivered / "rtl", tmp_path / "rtl")).parent
+    if fault:
+        bench = folder / "rtl" / "splatcore_testbench.v"
+        text = bench.read_text()
+        bench.write_text(text.replace("32'h544c5053", "32'h544c5054"))
+        assert bench.read_text() != text
+    done = flow(folder, "sim")
+    assert (done.returncode == 0) == (not fault), done.stdout + done.stderr
+    assert ("splatcore_testbench: passed" in done.stdout + done.stderr) == (not fault)
+
+
+@pytest.mark.slow
+def test_fusesoc_targets(delivered):
+    """All files that the core file names exist, for every target."""
+    for target in ("default --tool icarus", "synth"):
+        words = ["fusesoc", "--cores-root", "rtl", "run", "--setup", "--target"]
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        done = subprocess.run(
+            [*words, *target.split(), "splatcore"],
+            cwd=delivered, env=os.environ | {"PATH": path}, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr

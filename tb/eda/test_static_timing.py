@@ -1,0 +1,158 @@
+"""Static timing: a few cells against sums computed here; slow paths by parts."""
+
+import re
+
+import pytest
+
+from splatcore.eda.cells.cell_netlist import CONSTANTS, put_together
+from splatcore.eda.cells.delays import fo4
+from splatcore.eda.cells.liberty_file import read_liberty
+from splatcore.eda.cells.mapping import Mapped
+from splatcore.eda.cells.silicon import (
+    LONG_FO4,
+    Silicon,
+    long_paths,
+    part_at,
+)
+from splatcore.eda.cells.static_timing import (
+    MEMORY_ACCESS_FO4,
+    MEMORY_SETUP_FO4,
+    WIRE_INVERTERS,
+    Assumed,
+    Timing,
+)
+from tb.helpers.liberty import (
+    AREA_FF,
+    DATA,
+    GATES,
+    INPUT,
+    LAUNCH,
+    SETUP,
+    delay,
+    small_library,
+    transition,
+)
+
+MEMORY = "splatcore_memory_4x1"
+
+
+def small_netlist(memory: bool = False) -> Mapped:
+    """A flip-flop or memory (net 2), a NAND2 with a port, an inverter, two flip-flops."""
+    cells = [
+        ("NAND2_1", "n", [2, 3, 4]), ("INV_1", "i", [4, 5]),
+        ("DFF_1", "b", [9, 5, 6]), ("DFF_1", "c", [9, 4, 7]),
+    ]  # fmt: skip
+    blocks = []
+    if memory:
+        blocks = [(MEMORY, "m", [[9], [6], [6, 7], [5], [6], [6, 7], [2]])]
+    else:
+        cells.append(("DFF_1", "a", [9, 6, 2]))
+    ports = [("clk", "input", [9]), ("i", "input", [3]), ("o", "output", [7])]
+    return Mapped(cells, blocks, ports, {"2": "a", "6": "b", "7": "c"})
+
+
+def through_two_gates(begin: float, slew: float, wire: float) -> float:
+    """End time in ns of a path through the gates of `small_netlist`, from its arrival and slew."""
+    middle, end = INPUT + DATA + 2 * wire, DATA + wire
+    time = begin + delay(slew, middle, 1.2)
+    return time + delay(transition(middle), end) + SETUP
+
+
+@pytest.mark.parametrize("wires", [False, True])
+def test_path_time(library, wires):
+    """Path time is clock to output, gate delays by load and slew, and setup."""
+    netlist = put_together(library, {"": small_netlist()})
+    assumed = Assumed.of(library, wires)
+    wire = WIRE_INVERTERS * INPUT * wires
+    load = 1.2 * INPUT + wire
+    time = through_two_gates(delay(0, load, first=LAUNCH), transition(load), wire)
+    found = Timing(netlist, assumed, registers_only=True).longest
+    assert found.time == pytest.approx(time)
+    assert (found.begin, found.end) == (("register", "a"), ("register", "b"))
+    assert [step[0] for step in found.steps] == ["", "NAND2_1", "INV_1"]
+    assert [step[3] for step in found.steps] == [1, 2, 1]
+    assert netlist.area == GATES["NAND2"][2] + GATES["INV"][2] + 3 * AREA_FF
+
+    begin = delay(0, 4 * INPUT, first=LAUNCH)  # a port acts as a flip-flop driving four inverters
+    time = through_two_gates(begin, transition(4 * INPUT), wire)
+    longest = Timing(netlist, assumed).longest
+    assert longest.time == pytest.approx(time) and longest.begin == ("port", "i")
+
+
+def test_path_times_of_memories(library):
+    """A path from a memory starts with its access time; a path into one ends with its setup."""
+    netlist = put_together(library, {"": small_netlist(memory=True)})
+    unit = fo4(library)
+    timing = Timing(netlist, Assumed.of(library))
+    ends = {name: time for time, _, name, *_ in reversed(list(timing.worst()))}
+    access, setup = MEMORY_ACCESS_FO4 * unit, MEMORY_SETUP_FO4 * unit
+    assert unit > 0 and access > 5 * LAUNCH / 3
+    load = INPUT + DATA
+    stage = through_two_gates(access, unit, 0) - SETUP  # the inverter also drives a memory
+    assert ends["b"] == pytest.approx(stage + 5 * DATA + SETUP)
+    assert ends["m"] == pytest.approx(stage + 5 * DATA + setup)
+    assert timing.longest.begin == ("memory", "m") and load
+
+
+def test_pieces_are_timed_as_one(library):
+    """A path through a separate block has the same time as in one flat netlist."""
+    flat = small_netlist()
+    inner = Mapped(
+        [flat.cells[1]], [], [("a", "input", [4]), ("y", "output", [5])], {"5": "inverted"}
+    )
+    around = ("block", "part$3", [[4], [5]])
+    outer = Mapped([flat.cells[0], *flat.cells[2:]], [around], flat.ports, flat.names)
+    whole = put_together(library, {"": flat})
+    parts = put_together(library, {"": outer, "part": inner})
+    assert parts.area == whole.area and len(parts.kinds) == len(whole.kinds)
+    times = [Timing(netlist, Assumed.of(library)).longest.time for netlist in (whole, parts)]
+    assert times[0] == pytest.approx(times[1])
+    assert "part.inverted" in parts.names.values()
+
+
+def test_a_register_that_is_read_inverted(tmp_path):
+    """A register read by its inverted output is named after its other output."""
+    text = small_library()
+    output = re.search(r"    pin \(Q\) \{.*?\n    \}\n", text, re.S)[0]
+    inverted = output.replace("(Q)", "(QN)").replace('"IQ"', '"IQN"')
+    (tmp_path / "a.lib").write_text(text.replace(output, output + inverted))
+    library = read_liberty(tmp_path / "a.lib")
+    cells = [("DFF_1", "x", [9, 4, 2, 3]), ("INV_1", "y", [3, 4])]
+    netlist = Mapped(cells, [], [("clk", "input", [9])], {"2": "count[3]"})
+    longest = Timing(put_together(library, {"": netlist}), Assumed.of(library)).longest
+    assert longest.begin == longest.end == ("register", "count[3]")
+
+
+def test_a_loop_is_refused(library):
+    loop = Mapped([("INV_1", "x", [2, 3]), ("INV_1", "y", [3, 2])], [], [], {})
+    with pytest.raises(ValueError, match="2 nets are in combinational loops"):
+        Timing(put_together(library, {"": loop}), Assumed.of(library))
+
+
+def test_constants_and_open_pins(library):
+    """A constant starts no path; a constant port and an open pin are accepted."""
+    cells = [("NAND2_1", "n", ["1", 2, 3]), ("INV_1", "i", ["x", 4])]
+    ports = [("i", "input", [2]), ("o", "output", [3, "1"])]
+    netlist = put_together(library, {"": Mapped(cells, [], ports, {})})
+    assert Timing(netlist, Assumed.of(library)).longest.begin == ("port", "i")
+    assert CONSTANTS["1"] == 1 and netlist.pins[0, 0] == 1
+
+
+def test_parts_around():
+    names = {
+        ("register", "render.raster.rasterizer3.blend.sums[3]"): "blend",
+        ("memory", "render.sort.runs.sorter0.part.first"): "sub_sorter",
+        ("register", "frame.x"): "frame",
+        ("register", "count"): "top, the rest",
+        ("port", "m_axi__arvalid"): "port",
+    }
+    assert {end: part_at(end) for end in names} == names
+
+
+def test_long_paths(library):
+    """Rows of paths longer than a limit in FO4, by parts: number of ends, and the longest."""
+    found = Silicon.of(put_together(library, {"": small_netlist(memory=True)}))
+    assert long_paths(found.timing, LONG_FO4) == []
+    (row,) = long_paths(found.timing, 10)
+    assert row["from"] == "memory m" and row["ends"] == 3
+    assert row["fo4"] == pytest.approx(found.facts["longest"]["fo4"], abs=0.06)

@@ -1,0 +1,4 @@
+"""x
+
+May import: nothing.
+"""

@@ -1,0 +1,114 @@
+"""`splatcore error --stage sort`: key windows, changed places and pictures of each key format;
+`--stage raster`: the sweep of stage 3's formats."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.raster import Entries
+from splatcore.golden.reference import Splats
+from splatcore.sim.frame.picture import read_png
+from splatcore.sim.frame.source import View
+from splatcore.spec.config import DEFAULT
+from splatcore.study.accuracy import raster as error_raster
+from splatcore.study.accuracy.raster import raster_errors, raster_table, write_raster_plot
+from splatcore.study.accuracy.sort import (
+    EXACT_ORDER,
+    FRACTIONS,
+    WAYS,
+    depth_codes,
+    reordered,
+    window,
+)
+from tb.helpers.command import ROOT, load, run
+
+
+def splats_at(depth: list[float], index: list[int]) -> Splats:
+    """Splats with these depths and indices; all other values are 0."""
+    centre, covariance, conic = (np.zeros((len(depth), columns)) for columns in (2, 3, 3))
+    none = np.zeros(len(depth))
+    return Splats(np.array(index), centre, np.array(depth), covariance, conic, none, none, conic)
+
+
+def test_window():
+    """Codes relative to the lowest of their part, shifted right until the bits suffice."""
+    codes = np.array([100, 103, 101, 5000, 5016, 5007, 7])
+    part = np.array([0, 0, 0, 2, 2, 2, 3])
+    assert list(window(codes, part, 2)) == [0, 3, 1, 0, 2, 0, 0]  # the largest step is 16: >> 3
+    assert list(window(codes, part, 5)) == [0, 3, 1, 0, 16, 7, 0]
+    assert list(window(codes[:0], part[:0], 5)) == []
+
+
+@pytest.mark.parametrize("fraction", FRACTIONS)
+def test_depth_codes_rise(fraction):
+    depth = np.geomspace(0.01, 1e6, 10_000)
+    codes = depth_codes(depth, fraction)
+    assert (np.diff(codes) >= 0).all()
+    error = replace(DEFAULT.depth, fraction=fraction).decode(codes.astype(np.uint64)) / depth - 1
+    assert 0.4 < np.abs(error).max() * 2**fraction <= 0.5001
+
+
+def test_reordered():
+    """The share counts swapped neighbours of a group; equal keys keep the order of Gaussians."""
+    splats = splats_at([1.0, 2.0, 3.0, 4.0], [7, 5, 6, 4])
+    entries = Entries(np.array([0, 3, 3, 5]), np.array([0, 1, 3, 2, 3]), np.arange(1, 6))
+    same, share = reordered(WAYS[EXACT_ORDER], splats, entries)
+    assert list(same.mask) == [1, 2, 3, 4, 5] and share == 0
+    back, share = reordered(lambda depth, splat, group: -depth[splat], splats, entries)
+    assert list(back.mask) == [3, 2, 1, 5, 4] and list(back.start) == [0, 3, 3, 5] and share == 1
+    equal, share = reordered(lambda depth, splat, group: 0 * splat, splats, entries)
+    assert list(equal.mask) == [3, 2, 1, 5, 4] and list(equal.splat) == [3, 1, 0, 3, 2]
+    halves, share = reordered(lambda depth, splat, group: depth[splat] >= 3, splats, entries)
+    assert list(halves.mask) == [2, 1, 3, 5, 4] and share == pytest.approx(2 / 3)
+
+
+def test_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("error", "garden", "--size", "128x72", "--stage", "sort", "-o", "keys.png",
+               "--json", "e.json") == 0  # fmt: skip
+    found = load(tmp_path / "e.json")
+    ways = {name: facts["scenes"]["garden"] for name, facts in found["machines"].items()}
+    assert list(ways) == list(WAYS) and found["stage"] == "sort"
+    bits = [ways[f"{fraction} fraction bits"] for fraction in FRACTIONS]
+    changed = [way["changed_places"] for way in bits]
+    assert changed == sorted(changed, reverse=True) and changed[0] > 0.1 > 0.01 > changed[-1] > 0
+    exact = ways[EXACT_ORDER]
+    assert exact["changed_places"] == 0 and exact["max_error_float64"] < 0.02
+    assert (
+        bits[0]["psnr_db_float64"] + 3
+        < bits[-1]["psnr_db_float64"]
+        <= exact["psnr_db_float64"] + 0.1
+    )
+    assert bits[0]["max_error_float64"] > 5 * exact["max_error_float64"]
+    assert ways["15 bits, by group"]["changed_places"] > ways["18 bits, by group"]["changed_places"]
+    assert read_png("keys.png").std() > 5
+    printed = capsys.readouterr().out
+    assert "14 fraction bits" in printed and "…" not in printed
+    text = (ROOT / "docs" / "json.md").read_text()
+    assert all(f"`{key}`" in text.partition("--stage sort")[2] for key in exact)
+
+
+def test_no_other_machines(capsys):
+    for option in ("--width 7/10", "--preset TINY"):
+        assert run("error", "garden", "--stage", "sort", *option.split()) == 2
+        assert "--stage sort: has formats of its own" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
+    monkeypatch.setattr(error_raster, "SWEEP", {"sum_fraction": (10,)})
+    found = raster_errors({"garden": View("garden", size="160x90")})
+    full, cut = found["DEFAULT"], found["sum_fraction 10"]
+    assert full["gates"] > cut["gates"] > 1000
+    assert (
+        full["scenes"]["garden"]["psnr_db_float64"] > cut["scenes"]["garden"]["psnr_db_float64"] + 1
+    )
+    assert (
+        cut["scenes"]["garden"]["max_error_float64"]
+        > full["scenes"]["garden"]["max_error_float64"]
+        > 0
+    )
+    assert raster_table(found).row_count == 2
+    write_raster_plot(tmp_path / "formats.png", found)
+    assert (tmp_path / "formats.png").stat().st_size > 10_000

@@ -1,1 +1,0 @@
-"""Tests of the viewer, `sim/view`: its page, pictures and camera."""
