@@ -18,7 +18,7 @@ help:
 	@echo "make coverage       run the tests of the whole machine; list conditions in hdl/ not covered"
 	@echo "make check          run lint, the rules of the repository and the quick tests"
 	@echo "make pictures       make the pictures in docs/, by the golden model and from docs/results"
-	@echo "make commands       write docs/commands.md from the help of all commands"
+	@echo "make commands       write docs/commands.md, docs/json.md and the rules of results"
 	@echo "make report         make the page of results, of docs/results and newer results in out/"
 	@echo "make results        measure the results missing in out/report/results (hours for all scenes)"
 	@echo "make keep           write the results of out/report/results as tables into docs/results"
@@ -57,6 +57,8 @@ pictures: install
 
 commands: install
 	$(BIN)/python -m splatcore.app.cli.reference > docs/commands.md
+	$(BIN)/python -m splatcore.study.results.known > study/results/rules.mk
+	$(BIN)/python -m splatcore.study.results.page docs/json.md
 
 test: install
 	$(BIN)/ruff check .
@@ -122,9 +124,7 @@ preset = $(addprefix --preset ,$(PRESET))
 few := --part steps,curve,power --ratios 15,20,30,40,60,80 --view-size 960x540 --steps 40
 measure = mkdir -p $(@D) && $(SPLATCORE)
 
-campaigns := scenes/scenes.csv quality/quality.json budget.json sweep/sweep.json ablation/ablation.json power.json
-others := $(addsuffix .json,hard/hard hard-rtl/hard hard-paper/hard synth \
-	memories fpga-tiny fpga)
+include study/results/rules.mk
 
 report: install
 	$(SPLATCORE) report -o $(REPORT) $(only)
@@ -136,22 +136,6 @@ results: $(addprefix $(RESULTS)/,$(campaigns) $(others))
 
 $(addprefix $(RESULTS)/,$(campaigns) $(others)): | .venv/installed
 $(addprefix $(RESULTS)/,$(campaigns)): $(wildcard $(SCENES))
-
-$(RESULTS)/scenes/scenes.csv: ; $(measure) bench scenes --timing lpddr4 --quality compact --out $(@D) $(SCENES) $(size) $(preset)
-$(RESULTS)/quality/quality.json: ; $(measure) bench quality --psnr , --out $(@D) $(SCENES) $(size) $(preset)
-$(RESULTS)/budget.json: ; $(measure) error --stage all --json $@ $(SCENES) $(size) $(preset)
-$(RESULTS)/sweep/sweep.json: ; $(measure) bench sweep --out $(@D) $(SCENES) $(size) $(addprefix --point ,$(POINTS))
-$(RESULTS)/ablation/ablation.json: ; $(measure) bench ablation --out $(@D) $(SCENES) $(size) $(preset)
-$(RESULTS)/power.json: ; $(measure) power --json $@ $(SCENE) $(addprefix --camera ,$(CAMERA)) $(size) $(preset)
-$(RESULTS)/hard/hard.json: ; $(measure) hard --engine golden -o $(@D) --json $@ $(preset)
-$(RESULTS)/hard-rtl/hard.json: ; $(measure) hard --engine rtl --preset TINY -o $(@D) --json $@
-$(RESULTS)/hard-paper/hard.json: ; $(measure) hard --engine golden --preset PAPER -o $(@D) --json $@
-$(RESULTS)/synth.json: ; $(measure) synth --stage top --json $@ $(preset)
-$(RESULTS)/memories.json: ; $(measure) memories --json $@ $(preset)
-$(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@
-$(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
-$(RESULTS)/fpga-whole.json: ; $(measure) fpga --whole --speed 8 --json $@
-$(RESULTS)/compression/compression.json: ; $(measure) bench compression $(few) --out $(@D) $(SCENES)
 
 clean:
 	rm -rf .venv out build *.egg-info docs/registers.md docs/splatcore*

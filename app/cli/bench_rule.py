@@ -13,7 +13,6 @@ from splatcore.app.cli.options import (
 )
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.pack.quality import COMPACT, QUALITIES
-from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.frame.reading import Reading
 from splatcore.spec.preset import find_preset
 
@@ -47,7 +46,7 @@ def rule_command(
     error compare 8-bit pictures with the reference's of the same packed model under 3DGS's rule.
     Writes DIR/rule.json, rule.md and rule.csv.
     """
-    from splatcore.study.bench.rule import cells, measure_rules
+    from splatcore.study.bench.rule import measure_rules, over_all
 
     config = find_preset(preset)
     found = bench.look(
@@ -58,12 +57,5 @@ def rule_command(
         for view in found
     ]
     facts = measure_rules(config, found, output, scheduler)
-    rows = {name: cells(summary) for name, summary in facts["rules"].items()}
-    if rows:
-        table = new_table(
-            "rule", next(iter(rows.values())), "means over views, against 3DGS's rule"
-        )
-        for name, row in rows.items():
-            table.add_row(name, *row.values())
-        print_whole(table)
+    over_all(facts).print()
     bench.finish(output / "rule.json", facts)

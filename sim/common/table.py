@@ -1,29 +1,163 @@
-"""Tables: on the terminal, in Markdown, and as CSV."""
+"""Tables: on the terminal, in Markdown, as CSV, and in the report's page and JSON file."""
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
-from rich.box import SIMPLE_HEAD
+from rich import box
 from rich.console import Console
 from rich.measure import Measurement
-from rich.table import Table
+from rich.table import Table as RichTable
 
 from splatcore.sim.common.output import console
 
 WIDEST = 1000  # characters, more than any table needs
 
+NONE = "–"  # in place of a missing number
+
+
+@dataclass(frozen=True)
+class Column:
+    """A table's column.
+
+    digits: decimals; None for text
+    none: text of a missing value
+    wide: for long texts
+    get: dotted key of the value in a row, or a function of the row; the column's name if empty
+    per: the value is divided by this
+    maybe: the row may lack the key, which is shown as None, or `NONE` where None has another text
+    """
+
+    name: str
+    unit: str = ""
+    digits: int | None = None
+    none: str = NONE
+    wide: bool = False
+    get: str | Callable[[dict], object] = ""
+    per: float = 1
+    maybe: bool = True
+
+    @property
+    def heading(self) -> str:
+        """Name and unit, for the terminal, JSON and CSV."""
+        return f"{self.name}, {self.unit}" if self.unit else self.name
+
+    @property
+    def style(self) -> str:
+        """CSS class of its cells; numbers are right-aligned."""
+        return "right" if self.digits is not None else "wide" if self.wide else "left"
+
+    def called(self, name: str, **changes) -> "Column":
+        """The column with another name, and maybe unit, digits and so on."""
+        return replace(self, name=name, **changes)
+
+    def value(self, row: dict) -> object:
+        """Its value in a row, in the column's unit."""
+        if callable(self.get):
+            found = self.get(row)
+        else:
+            found = row
+            for key in (self.get or self.name).split("."):
+                if self.maybe and (not isinstance(found, dict) or key not in found):
+                    return None if self.none == NONE else NONE
+                found = found[key]
+        scaled = self.per != 1 and isinstance(found, int | float)
+        return found / self.per if scaled else found
+
+    def cell(self, value: object) -> str:
+        """A value as text."""
+        if value is None:
+            return self.none
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, int | float) and self.digits is not None:
+            return f"{value:,.{self.digits}f}".replace("-", "−")
+        return str(value)
+
+
+@dataclass
+class Table:
+    """A table; each row has as many values as columns.
+
+    key: name of its CSV file
+    sources: names of the results that it shows
+    strong: numbers of highlighted rows
+    commands, versions: that produced these results
+    """
+
+    key: str
+    caption: str
+    columns: Sequence[Column]
+    rows: list[Sequence[object]]
+    sources: Sequence[str] = ()
+    strong: frozenset[int] = frozenset()
+    commands: list[str] = field(default_factory=list)
+    versions: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls, key: str, caption: str, columns: Sequence[Column], rows: Iterable[dict], *more
+    ) -> "Table":
+        """A table of objects, one per row, from which each column takes its value."""
+        values = [[column.value(row) for column in columns] for row in rows]
+        return cls(key, caption, columns, values, *more)
+
+    def cells(self) -> list[list[str]]:
+        """All cells as text."""
+        return [
+            [column.cell(value) for column, value in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
+
+    def facts(self) -> dict:
+        """The table as a JSON object."""
+        about = {"caption": self.caption, "commands": self.commands, "versions": self.versions}
+        headings = [column.heading for column in self.columns]
+        return about | {"columns": headings, "rows": list(map(list, self.rows))}
+
+    def comma_separated(self) -> str:
+        """The table as CSV, with the values of the JSON file; missing values are empty."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(column.heading for column in self.columns)
+        writer.writerows(self.rows)
+        return text.getvalue()
+
+    def markdown(self) -> str:
+        """The table in Markdown, below its caption."""
+        lines = ["| " + " | ".join(column.heading for column in self.columns) + " |"]
+        lines += ["|---" * len(self.columns) + "|"]
+        lines += [f"| {' | '.join(row)} |" for row in self.cells()]
+        return f"{self.caption}\n\n" + ("\n".join(lines) if self.rows else "none")
+
+    def terminal(self) -> RichTable:
+        """The table for the terminal, with a line above each highlighted row but the first."""
+        drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=self.caption or None)
+        for number, column in enumerate(self.columns):
+            right = column.digits is not None
+            drawn.add_column(
+                column.heading, justify="right" if right else "left", no_wrap=right or not number
+            )
+        for row in self.cells():
+            drawn.add_row(*row)
+        return drawn
+
+    def print(self):
+        """Print the table at its full width."""
+        print_whole(self.terminal())
+
 
 def new_table(
     first: str, headings: Iterable[str], title: str | None = None, texts: Iterable[str] = ()
-) -> Table:
+) -> RichTable:
     """Return a table with one column of names, then columns of numbers, then columns of text.
 
     first: heading of the names
     headings: of the numbers
     texts: headings of the texts
     """
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
+    table = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
     table.add_column(first, no_wrap=True)
     for text in headings:
         table.add_column(text, justify="right", no_wrap=True)
@@ -32,28 +166,15 @@ def new_table(
     return table
 
 
-def shown(value: float | None, form: str, scale: float = 1, none: str = "–") -> str:
+def shown(value: float | None, form: str, scale: float = 1, none: str = NONE) -> str:
     """Format a number divided by `scale`; return `none` for None."""
     return none if value is None else format(value / scale, form)
 
 
-def print_whole(table: Table):
+def print_whole(table: RichTable):
     """Print a table at its full width, on any terminal."""
     room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
     Console(width=room).print(table)
-
-
-def in_markdown(titles: Sequence[str], rows: Sequence[dict]) -> str:
-    """Return a table in Markdown: one title per row, headings from the keys."""
-    if not rows:
-        return "none"
-    names = list(rows[0])
-    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
-    lines += [
-        f"| {title} | " + " | ".join(str(row[name]) for name in names) + " |"
-        for title, row in zip(titles, rows, strict=True)
-    ]
-    return "\n".join(lines)
 
 
 def comma_separated(rows: Sequence[dict]) -> str:

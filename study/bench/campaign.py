@@ -19,6 +19,7 @@ from splatcore.sim.common.notes import with_notes
 from splatcore.sim.common.output import messages, progress_bar, write
 from splatcore.sim.common.pool import as_done, processes
 from splatcore.sim.common.sources import code_key
+from splatcore.sim.frame.source import View
 from splatcore.spec.error import InputError
 
 TRIES = 2  # workers that a task may lose before it counts as failed
@@ -98,6 +99,32 @@ def collected(
     if failed and not found:
         raise InputError(f"{label}: all measurements failed")
     return found, failed
+
+
+def rows_of_views(
+    name: str,
+    function: Callable[..., dict],
+    views: list[View],
+    folder: Path,
+    scheduler: str | None,
+    *arguments: object,
+) -> tuple[list[dict], list[dict[str, str]]]:
+    """Measure each view as a task; return the rows of all, in order, and the failures.
+
+    function: (view, *arguments) → {"rows": […]}
+    """
+    tasks = [
+        Task(file_name(f"{name} {view.name} {view.size}"), f"{view} {arguments}", function,
+             (view, *arguments))
+        for view in views
+    ]  # fmt: skip
+    results, failed = collected(tasks, folder, scheduler, name)
+    return [row for task in tasks for row in results.get(task.name, {}).get("rows", ())], failed
+
+
+def file_name(text: str) -> str:
+    """A text as a name of a file."""
+    return text.replace("/", "-").replace(":", "-")
 
 
 def outcome(future: Future, task: Task) -> dict | Failure:

@@ -24,7 +24,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK_HEADER
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
-from splatcore.study.bench.campaign import Task, collected
+from splatcore.study.bench.campaign import rows_of_views
 
 TARGETS = "36,40,44,48,52"
 """Default target PSNRs in dB, for each of which the smallest model is found."""
@@ -38,20 +38,14 @@ def quality(
     config: Config, views: list[View], targets: list[float], folder: Path, scheduler: str | None
 ) -> dict:
     """Measure all views, reuse existing results, and write pictures and a plot."""
-    tasks = [
-        Task(
-            f"quality {view.name} {view.size}".replace("/", "-").replace(":", "-"),
-            f"{view} {config!r} {targets}", measure, (config, view, targets, folder),
-        )
-        for view in views
-    ]  # fmt: skip
-    results, failed = collected(tasks, folder, scheduler, "quality")
-    rows = [row for task in tasks for row in results.get(task.name, {}).get("rows", ())]
+    rows, failed = rows_of_views(
+        "quality", measure, views, folder, scheduler, config, targets, folder
+    )
     write_plot(folder / "quality.png", rows)
     return {"preset": config.name, "size": views[0].size, "rows": rows, "failed": failed}
 
 
-def measure(config: Config, view: View, targets: list[float], folder: Path) -> dict:
+def measure(view: View, config: Config, targets: list[float], folder: Path) -> dict:
     """Measure a view: {"rows": [one row per model]}. Writes its pictures."""
     source, camera = view.open()
     scene = source.unpacked

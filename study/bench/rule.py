@@ -14,16 +14,18 @@ import numpy as np
 from splatcore.golden.pipeline import Frame, render
 from splatcore.golden.raster import rasterize
 from splatcore.sim.common.output import write
-from splatcore.sim.common.table import comma_separated, in_markdown, shown
+from splatcore.sim.common.table import Column, Table, comma_separated
 from splatcore.sim.cycles.raster import raster_cycles
 from splatcore.sim.frame.choose import packed_model
 from splatcore.sim.frame.engines import truths
-from splatcore.sim.frame.metric import against, differences
+from splatcore.sim.frame.metric import LEVELS, against, differences
 from splatcore.sim.frame.source import View
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.study.bench.campaign import Task, collected
+from splatcore.study.bench.campaign import rows_of_views
 from splatcore.study.bench.campaigns import front
+from splatcore.study.results.fields import columns, with_names
+from splatcore.study.results.frames import RuleRow, RuleSummary
 
 Rule = tuple[int, ...]
 
@@ -44,6 +46,12 @@ AXES = (("raster_cycles", 1), ("psnr_db_machine_mean", -1))
 
 WORK = ("raster_cycles", "visited", "pairs")
 
+SHOWN = (
+    "raster_cycles raster_cycles_share_min raster_cycles_share_max visited pairs "
+    "psnr_db_machine_mean psnr_db_machine_min max_error_machine_max allowed front"
+)
+"""Keys of columns."""
+
 
 def rules() -> list[Rule]:
     """All rules to try: 3DGS's, all limits with all thresholds and c = b − 2, and `MORE`."""
@@ -57,15 +65,7 @@ def title(rule: Rule) -> str:
 
 def measure_rules(config: Config, views: list[View], folder: Path, scheduler: str | None) -> dict:
     """Measure all views, reuse existing results, and write rule.md and rule.csv."""
-    tasks = [
-        Task(
-            f"rule {view.name} {view.size}".replace("/", "-").replace(":", "-"),
-            f"{view} {config!r} {rules()}", measure, (config, view),
-        )
-        for view in views
-    ]  # fmt: skip
-    results, failed = collected(tasks, folder, scheduler, "rule")
-    rows = [row for task in tasks for row in results.get(task.name, {}).get("rows", ())]
+    rows, failed = rows_of_views("rule", measure, views, folder, scheduler, config, rules())
     facts = {
         "preset": config.name, "size": views[0].size, "quality": views[0].quality,
         "rules": summaries(rows), "rows": rows, "failed": failed,
@@ -75,14 +75,14 @@ def measure_rules(config: Config, views: list[View], folder: Path, scheduler: st
     return facts
 
 
-def measure(config: Config, view: View) -> dict:
+def measure(view: View, config: Config, rules: list[Rule]) -> dict:
     """Measure a view: {"rows": [one row per rule]}."""
     source, camera = view.open()
     model = packed_model(source, config, camera, view.quality)
     truth = {"machine": truths(source, model, camera)["machine"]}
     frame = render(replace(config, faint=()), model, camera)
     about = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}
-    rows = [about | row(replace(config, faint=rule), frame, camera, truth) for rule in rules()]
+    rows = [about | row(replace(config, faint=rule), frame, camera, truth) for rule in rules]
     return {"rows": rows}
 
 
@@ -134,40 +134,32 @@ def summaries(rows: list[dict]) -> dict[str, dict]:
     return found
 
 
+def over_all(facts: dict) -> Table:
+    """The rules over all views."""
+    return Table.of(
+        "rules",
+        "Mean of all views. Cycles, blocks and pairs: ratio to 3DGS's rule. PSNR and largest "
+        f"error: machine. Allowed: ≥ {LEAST:.0f} dB and error ≤ {LARGEST} in every view.",
+        [Column("rule"), *columns(RuleSummary, SHOWN)], with_names("rule", facts["rules"]),
+    )  # fmt: skip
+
+
+def by_view(facts: dict) -> Table:
+    """Each view with each rule."""
+    rows: dict[str, dict[str, str]] = {}
+    cycles, decibels, error = columns(RuleRow, "raster_cycles psnr_db_machine max_error_machine")
+    for row in facts["rows"]:
+        cells = (column.cell(column.value(row)) for column in (cycles, decibels, error))
+        view = f"{row['scene']} {row['camera']}"
+        rows.setdefault(row["rule"], {"rule": row["rule"]})[view] = ", ".join(cells)
+    views = dict.fromkeys(f"{row['scene']} {row['camera']}" for row in facts["rows"])
+    return Table(
+        "views",
+        f"Thousands of cycles, PSNR (machine) and largest error of {LEVELS} per view:",
+        [Column(name) for name in ("rule", *views)], [list(row.values()) for row in rows.values()],
+    )  # fmt: skip
+
+
 def markdown(facts: dict) -> str:
     """Two Markdown tables: the rules over all views, and each view with each rule."""
-    rules, rows = facts["rules"], facts["rows"]
-    over_all = [cells(found) for found in rules.values()]
-    views = list(dict.fromkeys((row["scene"], row["camera"]) for row in rows))
-    of = {(row["scene"], row["camera"], row["rule"]): row for row in rows}
-    each = [
-        {
-            f"{scene} {camera}": f"{found['raster_cycles'] / 1000:,.0f}, "
-            f"{shown(found['psnr_db_machine'], '.2f', none='∞')}, {found['max_error_machine']:.3f}"
-            for scene, camera in views
-            for found in [of[scene, camera, name]]
-        }
-        for name in rules
-    ]
-    tables = {
-        "Mean of all views. Cycles, blocks and pairs: ratio to 3DGS's rule. dB and largest error: "
-        f"machine. Allowed: ≥ {LEAST:.0f} dB and error ≤ {LARGEST} in every view.": over_all,
-        "Thousands of cycles, dB (machine) and largest error per view:": each,
-    }
-    names = list(rules)
-    return (
-        "\n\n".join(p for head, t in tables.items() for p in (head, in_markdown(names, t))) + "\n"
-    )
-
-
-def cells(found: dict) -> dict[str, str]:
-    """A rule's summary as a row of a table."""
-    decibels = [shown(found[f"psnr_db_machine_{k}"], ".2f", none="∞") for k in ("mean", "min")]
-    ends = [f"{found[f'raster_cycles_share_{k}']:.3f}" for k in ("min", "max")]
-    return {
-        "cycles": f"{found['raster_cycles']:.3f}", "min … max": " … ".join(ends),
-        "blocks": f"{found['visited']:.3f}", "pairs": f"{found['pairs']:.3f}",
-        "dB, mean": decibels[0], "dB, min": decibels[1],
-        "largest error": f"{found['max_error_machine_max']:.3f}",
-        "allowed": "yes" if found["allowed"] else "no", "front": "*" if found["front"] else "",
-    }  # fmt: skip
+    return f"{over_all(facts).markdown()}\n\n{by_view(facts).markdown()}\n"

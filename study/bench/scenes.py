@@ -19,7 +19,7 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
 from splatcore.sim.common.output import console, progress_bar, write, write_json
 from splatcore.sim.common.sources import code_key
-from splatcore.sim.common.table import comma_separated, in_markdown, shown
+from splatcore.sim.common.table import Column, Table, comma_separated
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.frame.choose import packed_model
 from splatcore.sim.frame.engines import cycles, golden, truths
@@ -34,6 +34,9 @@ from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.packed import PackedModel
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import CYCLES, SceneRow
+from splatcore.study.results.frames import TRAFFIC as TRAFFIC_CAUSES
 
 FRAMES = 3
 """Frames per view: a frame's tiles are rendered while points of the next frame are processed."""
@@ -43,7 +46,11 @@ MORE_CAMERAS = {"kitchen.spz": ("kitchen_inside_0", "kitchen_inside_150")}
 
 MEGABYTE = 1e6
 
-CYCLES = ("preprocessing", "rendering", "frame")
+FRAMES = (
+    "cycles.preprocessing cycles.rendering cycles.frame cycles.fps_at_800mhz identical "
+    "psnr_db_scene psnr_db_machine ssim_machine max_error_machine"
+)
+"""Keys of columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,33 +187,39 @@ def cells(row: dict) -> Iterator[tuple[str, object]]:
     yield from ((f"mb_{cause}", n / MEGABYTE) for cause, n in row["traffic_bytes"].items())
 
 
+def title(row: dict) -> str:
+    """A result's view, memory and packing."""
+    packing = f", {row['quality']}" if row["quality"] else ""
+    return f"{row['scene']} {row['camera']}, {row['timing']['name']}{packing}"
+
+
+TRAFFIC = Column(
+    "traffic", "MB", 1, get=lambda row: sum(row["traffic_bytes"].values()) / MEGABYTE
+)  # fmt: skip
+
+
+def tables(rows: list[dict]) -> Iterator[Table]:
+    """Yield tables: cycles and error, the cycle model's stages, traffic by cause."""
+
+    def columns_of(keys: str) -> list[Column]:
+        return [Column("view", get=title), *columns(SceneRow, keys)]
+
+    yield Table.of(
+        "frames",
+        "Frames in RTL; the picture against the float64 reference on the scene as trained (scene) "
+        "and on the same packed model (machine):",
+        [*columns_of(FRAMES), TRAFFIC], rows,
+    )  # fmt: skip
+    for key, caption, keys in (
+        ("model_cycles", "Cycles by the cycle model:", CYCLES),
+        ("traffic_bytes", "DRAM traffic per frame, by cause:", TRAFFIC_CAUSES),
+    ):
+        yield Table.of(key, caption, columns_of(" ".join(f"{key}.{name}" for name in keys)), rows)
+
+
 def markdown(rows: list[dict]) -> str:
-    """Three Markdown tables: cycles and error, the cycle model's stages, traffic by cause."""
-    done = [row for row in rows if "cycles" in row]
-    titles = [
-        f"{row['scene']} {row['camera']}, {row['timing']['name']}"
-        + (f", {row['quality']}" if row["quality"] else "")
-        for row in done
-    ]
-    frames = [
-        {name: f"{row['cycles'][name] / 1000:,.0f}" for name in CYCLES}
-        | {"FPS": f"{row['cycles']['fps_at_800mhz']:.1f}"}
-        | {"identical": "yes" if row["identical"] else "no"}
-        | {"dB, scene": decibels(row, "scene"), "dB, machine": decibels(row, "machine")}
-        | {"SSIM, machine": shown(row["ssim_machine"], ".5f")}
-        | {"max error, machine": f"{row['max_error_machine']:.4f}"}
-        | {"MB": f"{sum(row['traffic_bytes'].values()) / MEGABYTE:.1f}"}
-        for row in done
-    ]  # fmt: skip
-    model = [{k: f"{v / 1000:,.0f}" for k, v in row["model_cycles"].items()} for row in done]
-    traffic = [{k: f"{n / MEGABYTE:.2f}" for k, n in row["traffic_bytes"].items()} for row in done]
-    tables = {
-        "Thousands of cycles per frame in RTL; the picture against the float64 reference on the "
-        "scene as trained (scene) and on the same packed model (machine):": frames,
-        "Thousands of cycles by the cycle model:": model,
-        "Megabytes per frame, by cause:": traffic,
-    }
-    parts = [part for title, rows in tables.items() for part in (title, in_markdown(titles, rows))]
+    """The tables of finished views, and lines of the others."""
+    parts = [table.markdown() for table in tables([row for row in rows if "cycles" in row])]
     if failed := [f"- {line(row)}" for row in rows if "cycles" not in row]:
         parts += ["Failed:", "\n".join(failed)]
     return "\n\n".join(parts) + "\n"

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator
 
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import LEVELS
 from splatcore.spec.error import InputError
 from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES, draw_budget
-from splatcore.study.report.page import Card, Column, Item, Table, plotted
+from splatcore.study.report.page import Card, Item, plotted
 from splatcore.study.report.results import Facts, Results
 from splatcore.study.report.scenes import count_of, name, names
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import BudgetRow
 
 BAR, AROUND = 0.07, 1.6  # inches of a plot per bar; for its axis and legend
 
@@ -66,23 +69,17 @@ def parts(results: Results) -> Iterator[Item]:
         [*head, *(Column(text, "", 1) for text in names(rows))],
         [line for line in lines(rows, "max_error", LEVELS) if line[1] != SUM], ("budget",),
     )  # fmt: skip
-    yield Table(
+    yield Table.of(
         "budget-wholes",
         "The same views measured as in the other tables, between 8-bit pictures. Packing: the "
         "reference on the packed model against the reference on the scene as trained. Machine: the "
         "golden model against the reference on the same packed model. Scene: the golden model "
         "against the reference on the scene as trained.",
-        [
-            Column("scene"), Column("camera"), Column("packed as"),
-            Column("size", "bytes per Gaussian", 2),
-            *(Column(f"PSNR, {of}", "dB", 2, none="exact") for of in WHOLES),
-        ],
-        [
-            [row["scene"], row["camera"], row["quality"], row["bytes_per_gaussian"]]
-            + [row[f"psnr_db_{of}"] for of in WHOLES]
-            for row in rows
-        ],
-        ("budget",),
+        columns(
+            BudgetRow,
+            "scene camera quality bytes_per_gaussian psnr_db_packing psnr_db_machine psnr_db_scene",
+        ),
+        rows, ("budget",),
     )  # fmt: skip
 
 

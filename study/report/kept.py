@@ -1,21 +1,26 @@
 """Results kept in the repository: CSV tables in docs/results, which the report can read.
 
-A result is one JSON object. Each of its lists that the report reads becomes a table; its other
-values become lines "# key: value" above each table, first the command and the version that
-produced it. A cell is empty if the row lacks the key, and `null` if JSON has null.
+A result is one JSON object. Its fields (`study.results`) say which values are kept: each of its
+lists becomes a table; its other values become lines "# key: value" above each table, first the
+command and the version that produced it. A cell is empty if the row lacks the key, and `null` if
+JSON has null.
 """
 
 import csv
 import io
 import json
-import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import splatcore
+from splatcore.model.generate.generate import GENERATORS
+from splatcore.sim.frame.source import VIEW_SIZE
+from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
-from splatcore.study.report.kept_columns import TABLES, TEXTS, Sheet
+from splatcore.study.results.fields import Leaf, Sheet, Step, Value, is_text, leaves, sheets
+from splatcore.study.results.known import Result
 
 FOLDER = Path(splatcore.__file__).parent / "results"
 """A link to docs/results in a checkout, a folder in an installed wheel."""
@@ -23,31 +28,52 @@ FOLDER = Path(splatcore.__file__).parent / "results"
 ORIGIN = ("command", "version")
 """Keys of the first lines of every table."""
 
+PLACE = "out/report/results"  # the Makefile's default folder of results
+
 
 @dataclass(frozen=True)
-class Step:
-    """One level of a sheet's place.
+class Options:
+    """Requested scenes, size and preset; empty or None for any."""
 
-    key: dotted
-    bracket: `[` for a list, `{` for an object
-    column: for the list's index or the object's key; empty: no column
-    """
-
-    key: str
-    bracket: str
-    column: str
+    scenes: tuple[str, ...] = ()
+    size: str | None = None
+    preset: str | None = None
 
 
-def steps(place: str) -> list[Step]:
-    """Parse a place such as `rows[row].parts[]`."""
-    found = re.findall(r"([a-z_.]+)?([\[{])([a-z]*)[\]}]", place)
-    return [Step(key.strip("."), bracket, column) for key, bracket, column in found]
+def measured_with(facts: dict) -> Options:
+    """Options to reproduce a result, without defaults and without scene files."""
+    size, preset = facts.get("size"), facts.get("preset")
+    size = "x".join(map(str, size)) if isinstance(size, list) else size
+    scenes = [facts.get("scene"), *(row.get("scene") for row in facts.get("rows", ()))]
+    return Options(
+        tuple(dict.fromkeys(scene for scene in scenes if scene in GENERATORS)),
+        None if size == "x".join(map(str, VIEW_SIZE)) else size,
+        None if preset == DEFAULT.name else preset,
+    )
 
 
-def columns(sheet: Sheet) -> list[str]:
-    """Headings of a sheet's columns."""
-    own = [step.column for step in steps(sheet.place) if step.column]
-    return own + sheet.columns.split()
+def make_command(result: Result, folder: Path | str, values: dict, *more: str) -> str:
+    """The command that makes a result. values: of the variables that it may use, or None."""
+    given = [f"{key}={text}" for key, text in values.items() if text and key in result.takes]
+    return shlex.join(["make", *more, *given, str(Path(folder) / result.file)])
+
+
+def reproducing(result: Result, facts: dict) -> str:
+    """The command that reproduces a result; scene files are searched for in SPLATCORE_SCENES."""
+    rows = facts.get("rows", ())
+    scenes = [facts.get("scene"), *(row.get("scene") for row in rows), *facts.get("scenes", ())]
+    first = rows[0] if result.several else facts
+    options, points = measured_with(first), list(facts.get("points", ()))
+    values = {
+        "SCENES": " ".join(dict.fromkeys(filter(None, scenes))),
+        "SIZE": options.size,
+        "PRESET": options.preset,
+        "POINTS": None if any(" " in point for point in points) else " ".join(points),
+    }
+    return make_command(result, PLACE, values)
+
+
+INDEX = Leaf("", int, Value(), True)  # index of a row of an outer table
 
 
 def look(value: object, path: str) -> tuple[bool, object]:
@@ -59,17 +85,20 @@ def look(value: object, path: str) -> tuple[bool, object]:
     return True, value
 
 
-def items(value: object, path: list[Step]) -> Iterator[tuple[list, object]]:
+def items(value: object, path: tuple[Step, ...]) -> Iterator[tuple[list, object]]:
     """Yield the items at a place, each with the cells of the place's own columns."""
     if not path:
         yield [], value
         return
-    there, found = look(value, path[0].key)
-    if not there:
-        return
-    for at, item in enumerate(found) if path[0].bracket == "[" else found.items():
-        for more, last in items(item, path[1:]):
-            yield [*([at] if path[0].column else []), *more], last
+    step, *rest = path
+    for at, item in _pairs(look(value, step.key)[1]):
+        for more, last in items(item, tuple(rest)):
+            yield [*([at] if step.column and (rest or step.bracket == "{") else []), *more], last
+
+
+def _pairs(found: list | dict | None) -> Iterator[tuple]:
+    """Indices or keys, and items."""
+    yield from found.items() if isinstance(found, dict) else enumerate(found or ())
 
 
 def put(value: dict, keys: list, item: object):
@@ -87,72 +116,76 @@ def listed(value: object) -> object:
     return list(found.values()) if found and all(isinstance(k, int) for k in found) else found
 
 
-def encoded(key: str, there: bool, value: object) -> str:
-    """Encode a value as a cell; empty if it does not exist."""
-    if not there:
-        return ""
-    if isinstance(value, str) and key.split(".")[-1] in TEXTS:
+def encoded(leaf: Leaf, value: object) -> str:
+    """Encode a value as a cell. Text stands as it is, everything else is JSON."""
+    if isinstance(value, str) and is_text(leaf.kind):
         return value
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def decoded(key: str, cell: str) -> object:
-    """Decode a cell; ValueError if it is invalid. Text in brackets is JSON (for a size)."""
-    if key.split(".")[-1] in TEXTS and cell != "null" and not cell.startswith("["):
+def decoded(leaf: Leaf, cell: str) -> object:
+    """Decode a cell; ValueError if it is invalid."""
+    if is_text(leaf.kind) and cell != "null":
         return cell
     return json.loads(cell, parse_constant=float)  # the report rejects NaN in JSON files only
 
 
-def files(name: str, folder: Path) -> dict[Path, Sheet]:
-    """A result's sheets by file."""
-    sheets = TABLES[name].sheets
-    return {folder / f"{name}{'-' * bool(end)}{end}.csv": sheet for end, sheet in sheets.items()}
+def files(result: Result, folder: Path) -> dict[Path, Sheet]:
+    """A result's tables by file."""
+    found = {sheet.end: sheet for sheet in sheets(result.schema)}
+    return {folder / f"{result.name}{'-' * bool(end)}{end}.csv": found[end] for end in found}
 
 
-def tables(name: str, facts: dict, command: str, folder: Path) -> dict[Path, str]:
+def lines(result: Result) -> list[Leaf]:
+    """The values that are kept above the tables."""
+    return [leaf for leaf in leaves(result.schema) if leaf.kept]
+
+
+def tables(result: Result, facts: dict, command: str, folder: Path) -> dict[Path, str]:
     """CSV text of each file of a result."""
-    origin = {"command": command, "version": facts.get("version", "not said")}
-    keys = TABLES[name].lines.split()
-    found = {key: look(facts, key) for key in keys}
-    about = origin | {key: encoded(key, *value) for key, value in found.items() if value[0]}
+    about = {"command": command, "version": facts.get("version", "not said")}
+    for leaf in lines(result):
+        there, value = look(facts, leaf.key)
+        about |= {leaf.key: encoded(leaf, value)} if there else {}
     texts = {}
-    for path, sheet in files(name, folder).items():
+    for path, sheet in files(result, folder).items():
         out = io.StringIO()
         out.writelines(f"# {key}: {value}\n" for key, value in about.items())
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(columns(sheet))
-        for own, item in items(facts, steps(sheet.place)):
-            cells = ((key, *look(item, key)) for key in sheet.columns.split())
-            writer.writerow([*own, *(encoded(*cell) for cell in cells)])
+        writer.writerow(sheet.columns)
+        for own, item in items(facts, sheet.place):
+            cells = ((leaf, *look(item, leaf.key)) for leaf in sheet.kept)
+            texts_of = (encoded(leaf, value) if there else "" for leaf, there, value in cells)
+            writer.writerow([*own, *texts_of])
         texts[path] = out.getvalue()
     return texts
 
 
-def read_kept(name: str, folder: Path) -> dict:
+def read_kept(result: Result, folder: Path) -> dict:
     """Read a result's object, with `command` and `version`.
 
     Raises InputError that names the file and the column or line.
     """
     value: dict = {}
-    for path, sheet in files(name, folder).items():
+    for path, sheet in files(result, folder).items():
         try:
-            lines = path.read_text().splitlines()
+            text = path.read_text().splitlines()
         except OSError as error:
             raise InputError(f"{path}: {error.strerror or error}") from None
-        head = dict(line[2:].partition(": ")[::2] for line in lines if line.startswith("# "))
-        for key in (*ORIGIN, *TABLES[name].lines.split()):
+        head = dict(line[2:].partition(": ")[::2] for line in text if line.startswith("# "))
+        known = {key: None for key in ORIGIN} | {leaf.key: leaf for leaf in lines(result)}
+        for key, leaf in known.items():
             if key not in head:
                 raise InputError(f"{path}: has no line '# {key}: …'")
-            cell = head[key]
-            put(value, key.split("."), cell if key in ORIGIN else _value(path, key, key, cell))
-        _rows(path, sheet, lines[len(head) :], len(head), value)
+            put(value, key.split("."), _value(path, key, leaf, head[key]) if leaf else head[key])
+        _rows(path, sheet, text[len(head) :], len(head), value)
     return listed(value)
 
 
 def _rows(path: Path, sheet: Sheet, lines: list[str], above: int, value: dict):
     """Put the rows of a table into the object `value`. above: number of lines above the table."""
     heading, *rows = csv.reader(lines) if lines else [[]]
-    wanted, place = columns(sheet), steps(sheet.place)
+    wanted, place = sheet.columns, sheet.place
     for column in wanted:
         if column not in heading:
             raise InputError(f"{path}: column '{column}' is missing")
@@ -167,17 +200,17 @@ def _rows(path: Path, sheet: Sheet, lines: list[str], above: int, value: dict):
         cells = dict(zip(heading, row, strict=True))
         keys, item = [], {}
         for step in place:
-            at = cells[step.column] if step.column else number
+            at = cells.get(step.column, number)
             keys += filter(None, step.key.split("."))
-            keys.append(_value(path, where, "", str(at)) if step.bracket == "[" else at)
-        for key in sheet.columns.split():
-            if (cell := cells[key]) != "":
-                put(item, key.split("."), _value(path, f"{where}: {key}", key, cell))
+            keys.append(_value(path, where, INDEX, str(at)) if step.bracket == "[" else at)
+        for leaf in sheet.kept:
+            if (cell := cells[leaf.key]) != "":
+                put(item, leaf.key.split("."), _value(path, f"{where}: {leaf.key}", leaf, cell))
         put(value, keys, item)
 
 
-def _value(path: Path, where: str, key: str, cell: str) -> object:
+def _value(path: Path, where: str, leaf: Leaf, cell: str) -> object:
     try:
-        return decoded(key, cell)
+        return decoded(leaf, cell)
     except ValueError:
         raise InputError(f"{path}: {where}: '{cell}' is not a value") from None

@@ -4,25 +4,19 @@ import base64
 import io
 import shlex
 from collections.abc import Iterator
+from dataclasses import fields, replace
 
 from PIL import Image, UnidentifiedImageError
 
 from splatcore.eda.paper import FPS, MEMORY_POWER
-from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
 from splatcore.study.bench.hard_pictures import SHEET
-from splatcore.study.report.page import (
-    MILLI,
-    MILLION,
-    THOUSAND,
-    Card,
-    Column,
-    Figure,
-    Item,
-    Table,
-    Text,
-)
+from splatcore.study.report.page import MILLI, MILLION, THOUSAND, Card, Figure, Item, Text
 from splatcore.study.report.results import Facts, Results, in_units, read
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import HardCase
+from splatcore.study.results.machines import Placed
 
 HARD_SOURCES = ("hard", "hard-rtl", "hard-paper")
 
@@ -41,22 +35,21 @@ def cases(results: Results) -> Iterator[Item]:
     }
     if not found:
         return
-    columns = [Column("case"), Column("difficulty", wide=True)]
+    shown = [Column("case"), Column("difficulty", wide=True)]
     for machine, facts in found.items():
+        psnr, error, passed = columns(HardCase, "psnr_db_machine max_error_machine passed")
         bounds = dict.fromkeys(case["bound"] for case in facts["cases"].values())
-        columns += [
-            Column(machine, "PSNR, machine, dB", 2),
-            Column("max error, machine", f"of {LEVELS}", 0),
-            Column("bound met", "; ".join(bounds)),
-        ]  # fmt: skip
-    yield Table(
+        met = passed.called("bound met", unit="; ".join(bounds))
+        shown += [replace(each, get=f"{machine}.{each.get}", maybe=True)
+                  for each in (psnr.called(machine), error, met)]  # fmt: skip
+    yield Table.of(
         "hard",
         "Hard cases. PSNR (machine): 8-bit picture against the float64 reference on the same "
         "packed model; –: equal pictures, or a case that the machine does not support. The bound "
         "is on the PSNR against the reference with the machine's own rule for skipping faint "
         "splats. In RTL every bit of the picture must also equal the golden model's. Largest error "
         "per channel: between 8-bit pictures.",
-        columns, list(hard_rows(found)), HARD_SOURCES,
+        shown, hard_rows(found), HARD_SOURCES,
     )  # fmt: skip
     for machine, facts in found.items():
         passed = sum(case["passed"] for case in facts["cases"].values())
@@ -67,17 +60,13 @@ def cases(results: Results) -> Iterator[Item]:
             )  # fmt: skip
 
 
-def hard_rows(found: dict[str, Facts]) -> Iterator[list]:
-    """Cells of all cases that were run on any of the machines."""
+def hard_rows(found: dict[str, Facts]) -> Iterator[dict]:
+    """All cases that were run on any of the machines, each with its results by machine."""
     names = dict.fromkeys(name for facts in found.values() for name in facts["cases"])
     for name in names:
-        all = [facts["cases"].get(name) for facts in found.values()]
-        row = [name.replace("_", " "), next(filter(None, all))["about"]]
-        for case in all:
-            error = case and case["max_error_machine"]
-            error = None if error is None else error * LEVELS
-            row += [case["psnr_db_machine"], error, case["passed"]] if case else [None] * 3
-        yield row
+        by = {machine: f["cases"][name] for machine, f in found.items() if name in f["cases"]}
+        case = next(iter(by.values()))
+        yield {"case": name.replace("_", " "), "difficulty": case["about"]} | by
 
 
 def sheet(results: Results) -> Iterator[Item]:
@@ -165,32 +154,27 @@ def placed(results: Results) -> Iterator[Item]:
             results.troubles.append(str(error))
     if not rows:
         return
-    yield Table(
+    yield Table.of(
         "fpga",
         "Placed and routed on a Lattice ECP5 by yosys and nextpnr: a whole machine with several "
         "seeds, and parts of machines, each alone. From, to: ends of the path that limits Fmax. "
         "The registers around single parts are subtracted.",
-        [
-            Column("machine"), Column("device"), Column("part"), Column("LUTs", "", 0),
-            Column("flip-flops", "", 0), Column("multipliers", "MULT18X18D", 0),
-            Column("block RAMs", "DP16KD", 0), Column("Fmax", "MHz", 1), Column("from"),
-            Column("to"),
-        ],
+        [Column("machine"), Column("device"), Column("part"), *columns(Placed, PLACED)],
         rows, FPGA_SOURCES,
     )  # fmt: skip
 
 
-def parts(facts: Facts) -> list[list]:
-    """Cells of a machine's parts, or of the whole machine for each seed."""
+PLACED = " ".join(each.name for each in fields(Placed))
+
+
+def parts(facts: Facts) -> list[Facts]:
+    """Rows of a machine's parts, or of the whole machine for each seed."""
     seeds = {f"whole, seed {n}": part for n, part in enumerate(facts.get("seeds", ()), 1)}
+    device = f"LFE5U-{facts['device'].upper()}-{facts['speed']}"
     return [
-        [
-            facts["preset"], f"LFE5U-{facts['device'].upper()}-{facts['speed']}", name,
-            part["luts"], part["flip_flops"], part["multipliers"], part["block_rams"],
-            part["fmax_mhz"], part["begin"], part["end"],
-        ]
+        part | {"machine": facts["preset"], "device": device, "part": name}
         for name, part in (seeds or facts["parts"]).items()
-    ]  # fmt: skip
+    ]
 
 
 def fitted(results: Results) -> Iterator[Item]:

@@ -1,7 +1,5 @@
-"""A report's tables, figures and texts, as an HTML page, a JSON object and CSV tables."""
+"""A report's tables, figures and texts, as an HTML page and a JSON object."""
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -9,93 +7,16 @@ from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure as Canvas
 
 from splatcore.sim.common.plot import plot
+from splatcore.sim.common.table import Table
 
 TEMPLATE = "report.html.jinja"
 
-NONE = "–"  # in place of a missing number
 LONG_TABLE = 28  # rows from which a table may break across printed pages
 
 QUESTIONS = ("How fast", "How exact", "How large", "Gain of each idea")
 """Headings of the summary at the top of the page."""
 
 MILLI, THOUSAND, MILLION = 1e-3, 1e3, 1e6
-
-
-@dataclass(frozen=True)
-class Column:
-    """A table's column.
-
-    digits: decimals; None for text
-    none: text of a missing value
-    wide: for long texts
-    """
-
-    name: str
-    unit: str = ""
-    digits: int | None = None
-    none: str = NONE
-    wide: bool = False
-
-    @property
-    def heading(self) -> str:
-        """Name and unit, for JSON and CSV."""
-        return f"{self.name}, {self.unit}" if self.unit else self.name
-
-    @property
-    def style(self) -> str:
-        """CSS class of its cells; numbers are right-aligned."""
-        return "right" if self.digits is not None else "wide" if self.wide else "left"
-
-    def cell(self, value: object) -> str:
-        """A value as text."""
-        if value is None:
-            return self.none
-        if isinstance(value, bool):
-            return "yes" if value else "no"
-        if isinstance(value, int | float) and self.digits is not None:
-            return f"{value:,.{self.digits}f}".replace("-", "−")
-        return str(value)
-
-
-@dataclass
-class Table:
-    """A table; each row has as many values as columns.
-
-    key: name of its CSV file
-    sources: names of the results that it shows
-    strong: numbers of highlighted rows
-    commands, versions: that produced these results
-    """
-
-    key: str
-    caption: str
-    columns: Sequence[Column]
-    rows: list[Sequence[object]]
-    sources: Sequence[str] = ()
-    strong: frozenset[int] = frozenset()
-    commands: list[str] = field(default_factory=list)
-    versions: list[str] = field(default_factory=list)
-
-    def cells(self) -> list[list[str]]:
-        """All cells as text."""
-        return [
-            [column.cell(value) for column, value in zip(self.columns, row, strict=True)]
-            for row in self.rows
-        ]
-
-    def facts(self) -> dict:
-        """The table as a JSON object."""
-        about = {"caption": self.caption, "commands": self.commands, "versions": self.versions}
-        headings = [column.heading for column in self.columns]
-        return about | {"columns": headings, "rows": list(map(list, self.rows))}
-
-    def comma_separated(self) -> str:
-        """The table as CSV, with the values of the JSON file; missing values are empty."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(column.heading for column in self.columns)
-        writer.writerows(self.rows)
-        return text.getvalue()
 
 
 @dataclass

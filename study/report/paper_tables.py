@@ -9,10 +9,11 @@ from matplotlib.figure import Figure as Canvas
 from splatcore.eda import paper
 from splatcore.eda.gates.synth import DEPTH_MAX
 from splatcore.sim.common.plot import legend_below, side_by_side
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import DEFAULT, KB, PAPER, Config
 from splatcore.spec.microprogram import operation_counts, projection
 from splatcore.spec.schedule import pes, schedule
-from splatcore.study.report.page import THOUSAND, Card, Column, Item, Table, plotted
+from splatcore.study.report.page import THOUSAND, Card, Item, plotted
 from splatcore.study.report.results import Results
 
 BITS = 8  # of a byte

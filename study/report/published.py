@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
-from splatcore.study.report.page import THOUSAND, Column, Item, Table
+from splatcore.study.report.page import THOUSAND, Item
 from splatcore.study.report.published_figures import PUBLISHED
 from splatcore.study.report.quality import PACKINGS, fps
 from splatcore.study.report.results import Results

@@ -5,15 +5,20 @@ from collections.abc import Iterator
 from matplotlib.figure import Figure as Canvas
 
 from splatcore.sim.common import plot
-from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import CLOCK_HZ
-from splatcore.spec.stages import NAMES
-from splatcore.study.report.page import MILLION, THOUSAND, Card, Column, Item, Table, plotted
+from splatcore.study.report.page import THOUSAND, Card, Item, plotted
 from splatcore.study.report.results import Facts, Results
-from splatcore.study.report.scenes import VIEW, count_of, name, names
+from splatcore.study.report.scenes import count_of, name, names
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import CYCLES, PACKINGS, QualityRow
 
-PACKINGS = ("compact", "balanced", "faithful")
-"""Qualities by rising bytes per Gaussian; other rows were packed for a target in dB."""
+SHOWN = (
+    "scene camera asked bytes_per_gaussian psnr_db_scene psnr_db_packing psnr_db_machine "
+    "max_error_machine cycles.frame"
+)
+PARTS = " ".join(f"cycles.{part}" for part in CYCLES)
+"""Keys of columns."""
 
 HEIGHT, NAMED = 4.6, 3  # of a plot, inches; columns of its legend
 
@@ -102,30 +107,13 @@ def table(results: Results) -> Iterator[Item]:
             f"at 800 MHz by the cycle model, {count_of(compact)} ({facts['size']}, packed "
             f"{PACKINGS[0]}; slowest {name(slow)}, fastest {name(fast)})",
         )  # fmt: skip
-    yield Table(
+    yield Table.of(
         "quality",
         f"Each view in each packing, {facts['size']}, by golden model and cycle model. PSNR "
         "between 8-bit pictures: the golden model against the reference on the scene as trained "
         "(scene); the reference on the packed model against the reference on the scene as trained "
         "(packing); the golden model against the reference on the same packed model (machine).",
-        [
-            *VIEW, Column("packed"),
-            Column("size", "bytes per Gaussian", 2), Column("PSNR, scene", "dB", 2, none="exact"),
-            Column("PSNR, packing", "dB", 2, none="exact"),
-            Column("PSNR, machine", "dB", 2, none="exact"),
-            Column("max error, machine", f"of {LEVELS}", 0), Column("frame", "M cycles", 2),
-            Column("FPS", "at 800 MHz", 1),
-        ],
-        [
-            [
-                row["scene"], row["camera"], row["asked"], row["bytes_per_gaussian"],
-                row["psnr_db_scene"], row["psnr_db_packing"], row["psnr_db_machine"],
-                row["max_error_machine"] * LEVELS,
-                row["cycles"]["frame"] / MILLION, fps(row),
-            ]
-            for row in rows
-        ],
-        ("quality",),
+        [*columns(QualityRow, SHOWN), Column("FPS", "at 800 MHz", 1, get=fps)], rows, ("quality",),
     )  # fmt: skip
 
 
@@ -133,19 +121,16 @@ def stages(results: Results) -> Iterator[Item]:
     """Table of cycles by stage and half, for compact models if there are any."""
     facts, rows = results.rows("quality")
     mine = [row for row in rows if row["asked"] == PACKINGS[0]] or rows
-    parts = (*NAMES, "preprocessing", "rendering", "frame")
-    yield Table(
+    titles = dict(zip(map(id, mine), names(mine), strict=True))
+    cycles = (column.called(column.name, unit="k cycles", digits=0, per=THOUSAND)
+              for column in columns(QualityRow, PARTS))  # fmt: skip
+    yield Table.of(
         "stages",
         f"Cycles per frame by the cycle model: of each stage alone, and of both halves with their "
         f"stages waiting for each other, {facts['size']}, packed {PACKINGS[0]}. The first section "
         "has cycles of RTL simulation.",
-        [Column("view"), *(Column(part, "k cycles", 0) for part in parts)],
-        [
-            [title, *(row["cycles"][part] / THOUSAND for part in parts)]
-            for title, row in zip(names(mine), mine, strict=True)
-        ],
-        ("quality",),
-    )
+        [Column("view", get=lambda row: titles[id(row)]), *cycles], mine, ("quality",),
+    )  # fmt: skip
 
 
 QUALITY = (plots, table, stages)

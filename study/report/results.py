@@ -2,39 +2,14 @@
 tables."""
 
 import json
-import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.frame.source import VIEW_SIZE
-from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
-from splatcore.study.report.kept import files, read_kept
-
-ALL = "SCENES SIZE PRESET"
-
-SOURCES = {
-    "scenes": ("scenes/scenes.csv", ALL),
-    "budget": ("budget.json", ALL),
-    "quality": ("quality/quality.json", ALL),
-    "sweep": ("sweep/sweep.json", "SCENES SIZE POINTS"),
-    "synth": ("synth.json", "PRESET"),
-    "memories": ("memories.json", "PRESET"),
-    "ablation": ("ablation/ablation.json", ALL),
-    "power": ("power.json", ALL),
-    "hard": ("hard/hard.json", "PRESET"),
-    "hard-rtl": ("hard-rtl/hard.json", ""),
-    "hard-paper": ("hard-paper/hard.json", ""),
-    "fpga-tiny": ("fpga-tiny.json", ""),
-    "fpga": ("fpga.json", "PRESET"),
-    "fpga-whole": ("fpga-whole.json", ""),
-    "compression": ("compression/compression.json", "SCENES"),
-}
-"""File of each result, and the make variables of its rule. `fit` has no rule, as its targets are up
-to the user."""
+from splatcore.study.report.kept import Options, files, make_command, measured_with, read_kept
+from splatcore.study.results.known import RESULTS, VARIABLES
 
 
 class Facts(dict):
@@ -84,27 +59,6 @@ def read(path: Path) -> Facts:
     return Facts(value, str(path))
 
 
-@dataclass(frozen=True)
-class Options:
-    """Requested scenes, size and preset; empty or None for any."""
-
-    scenes: tuple[str, ...] = ()
-    size: str | None = None
-    preset: str | None = None
-
-
-def measured_with(facts: dict) -> Options:
-    """Options to reproduce a result, without defaults and without scene files."""
-    size, preset = facts.get("size"), facts.get("preset")
-    size = "x".join(map(str, size)) if isinstance(size, list) else size
-    scenes = [facts.get("scene"), *(row.get("scene") for row in facts.get("rows", ()))]
-    return Options(
-        tuple(dict.fromkeys(scene for scene in scenes if scene in GENERATORS)),
-        None if size == "x".join(map(str, VIEW_SIZE)) else size,
-        None if preset == DEFAULT.name else preset,
-    )
-
-
 @dataclass
 class Results:
     """A folder of results.
@@ -128,15 +82,13 @@ class Results:
         """The command that produces a result, with the options recorded in it."""
         if name in self._commands:
             return self._commands[name]
-        (file, takes), asked = SOURCES[name], self.options
-        found = self._found.get(name, Options())
+        asked, found = self.options, self._found.get(name, Options())
         values = {
             "SCENES": " ".join(asked.scenes or found.scenes),
             "SIZE": asked.size or found.size,
             "PRESET": asked.preset or found.preset,
         }
-        given = [f"{key}={value}" for key, value in values.items() if value and key in takes]
-        return shlex.join(["make", f"RESULTS={self.folder}", *given, str(self.folder / file)])
+        return make_command(RESULTS[name], self.folder, values, f"RESULTS={self.folder}")
 
     def version(self, name: str) -> str:
         """The version that produced a result; empty if unknown or not read yet."""
@@ -144,14 +96,15 @@ class Results:
 
     def is_kept(self, name: str) -> bool:
         """Whether a result has to be read from the kept tables, as the folder lacks it."""
-        if self.kept is None or (self.folder / SOURCES[name][0]).exists():
+        if self.kept is None or (self.folder / RESULTS[name].file).exists():
             return False
-        return any(path.exists() for path in files(name, self.kept))
+        return any(path.exists() for path in files(RESULTS[name], self.kept))
 
     def from_kept(self, name: str) -> Facts:
         """A kept result's content; its command and version are stored in it."""
         self.used.append(name)
-        found = Facts(read_kept(name, self.kept), str(next(iter(files(name, self.kept)))))
+        first = next(iter(files(RESULTS[name], self.kept)))
+        found = Facts(read_kept(RESULTS[name], self.kept), str(first))
         self._commands[name], self._versions[name] = found["command"], found["version"]
         return found
 
@@ -163,7 +116,7 @@ class Results:
     def path(self, name: str) -> Path:
         """A result's file; raises InputError if it is missing."""
         self.used.append(name)
-        path = self.folder / SOURCES[name][0]
+        path = self.folder / RESULTS[name].file
         if not path.exists():
             raise InputError(f"{path}: does not exist; create with: {self.command(name)}")
         return path
@@ -176,7 +129,7 @@ class Results:
             found = read(self.path(name))
             self._found[name] = measured_with(found)
             self._versions[name] = found.get("version", "")
-        self.check(found, SOURCES[name][1])
+        self.check(found, RESULTS[name].takes)
         return found
 
     def campaign(self, name: str) -> Facts:
@@ -204,7 +157,7 @@ class Results:
             except InputError as error:
                 self.troubles.append(str(error))
 
-    def check(self, found: Facts, takes: str = ALL):
+    def check(self, found: Facts, takes: Sequence[str] = VARIABLES):
         """Raise InputError if a result's size or preset is not the requested one."""
         preset = self.options.preset and find_preset(self.options.preset).name
         for key, asked in (("size", self.options.size), ("preset", preset)):
@@ -224,13 +177,13 @@ class Results:
             self.troubles.append(f"{rows[0].file}: has no rows of {', '.join(missing)}")
         return [row for row in rows if not asked or row["scene"] in asked]
 
-    def several(self, name: str, pattern: str) -> Iterator[Facts]:
+    def several(self, name: str) -> Iterator[Facts]:
         """Yield the contents of all JSON files in a result's folder, or a kept result's rows."""
         if self.is_kept(name):
             yield from self.from_kept(name)["rows"]
             return
         versions: dict[str, None] = {}
-        for path in sorted(self.path(name).parent.glob(pattern)):
+        for path in sorted(self.path(name).parent.glob(RESULTS[name].several)):
             found = read(path)
             self._found[name] = measured_with(found)
             versions[found.get("version", "")] = None

@@ -1,17 +1,21 @@
 """The report's section on real scenes: cycles, error and traffic of frames simulated in RTL."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 from matplotlib.figure import Figure as Canvas
 
 from splatcore.eda.paper import FPS
 from splatcore.sim.common.plot import legend_below, mark, side_by_side, stacked
-from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
 from splatcore.study.bench.scenes import MEGABYTE
-from splatcore.study.report.page import MILLION, NONE, Card, Column, Item, Table, plotted
-from splatcore.study.report.results import SOURCES, Facts, Results
+from splatcore.study.report.page import MILLION, Card, Item, plotted
+from splatcore.study.report.results import Facts, Results
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import HALVES, SceneRow, Simulated
+from splatcore.study.results.known import RESULTS
 
 CYCLES_MAX = CLOCK_HZ / FPS  # per frame at the paper's frame rate
 
@@ -27,22 +31,19 @@ CAUSES = {
 
 BAR, AROUND = 0.27, 1.15  # inches of a plot per bar or pair of bars; for its axis and legend
 
-VIEW = (Column("scene"), Column("camera"))
+VIEW = columns(SceneRow, "scene camera")
 
-AGAINST_RTL = (
-    Column("cycle model", "M cycles", 3), Column("RTL", "M cycles", 3),
-    Column("model off by", "%", 2), Column("identical"),
-)  # fmt: skip
+OFF_BY = Column(
+    "model off by", "%", 2, get=lambda row: 100 * (row["model_cycles"] / row["cycles"] - 1)
+)
 
-
-def against_rtl(model: int, rtl: int, identical: bool) -> list:
-    """Cells of `AGAINST_RTL`. model, rtl: cycles per frame."""
-    return [model / MILLION, rtl / MILLION, 100 * (model / rtl - 1), identical]
+AGAINST_RTL = columns(Simulated, "model_cycles cycles identical")
+AGAINST_RTL.insert(2, OFF_BY)
 
 
 def views(results: Results) -> list[Facts]:
     """All finished views; the others are added to the troubles."""
-    rows = list(results.of_scenes(results.several("scenes", "*.json")))
+    rows = list(results.of_scenes(results.several("scenes")))
     for row in rows:
         results.check(row)
         if "cycles" not in row:
@@ -80,26 +81,38 @@ def names(rows: Sequence[Facts]) -> list[str]:
     ]
 
 
-def of_views(rows: list[Facts]) -> tuple[list[Column], Callable[[Facts], list], str]:
+def megabytes(row: Facts, causes: Sequence[str] | None = None) -> float:
+    """DRAM traffic of a view, of some causes or of all."""
+    found = row["traffic_bytes"]
+    return sum(found.get(cause, 0) for cause in causes or found) / MEGABYTE
+
+
+TRAFFIC = Column("traffic", "MB", 1, get=megabytes)
+
+MODEL = Column(
+    "model", "off by %", 1,
+    get=lambda row: 100 * (row["model_cycles"]["frame"] / row["cycles"]["frame"] - 1),
+)  # fmt: skip
+
+CYCLES_SHOWN = "cycles.preprocessing cycles.rendering cycles.frame cycles.fps_at_800mhz"
+ERRORS_SHOWN = "psnr_db_machine psnr_db_scene max_error_machine identical"
+"""Keys of columns."""
+
+ANY = "in the lowest sufficient quality"
+
+
+def of_views(rows: list[Facts]) -> tuple[list[Column], str]:
     """Columns that identify a view: scene, camera, and size, memory and packing if they differ.
 
-    Returns the columns, a function for a row's cells, and the common values as a caption.
+    Returns the columns, and the common values as a caption.
     """
-    texts = {
-        "size": lambda row: row["size"], "memory": lambda row: row["timing"]["name"],
-        "packing": lambda row: f"packed {row.get('quality') or 'in the lowest sufficient quality'}",
-    }  # fmt: skip
-    differ = [text for text in texts.values() if len({text(row) for row in rows}) > 1]
-    alike = [text(rows[0]) for text in texts.values() if text not in differ]
-    columns = [*VIEW, *(Column(name) for name, text in texts.items() if text in differ)]
-
-    def cells(row: Facts) -> list:
-        return [row["scene"], row["camera"], *(text(row) for text in differ)]
-
-    return columns, cells, ", ".join(alike)
-
-
-HALVES = ("preprocessing", "rendering", "frame")
+    texts = (
+        Column("size"), Column("memory", get="timing.name"),
+        Column("packing", get=lambda row: f"packed {row.get('quality') or ANY}"),
+    )  # fmt: skip
+    differ = [text for text in texts if len({text.value(row) for row in rows}) > 1]
+    alike = [text.value(rows[0]) for text in texts if text not in differ]
+    return [*VIEW, *differ], ", ".join(alike)
 
 
 def left_out(results: Results, rows: list[Facts]) -> None:
@@ -114,7 +127,7 @@ def left_out(results: Results, rows: list[Facts]) -> None:
         place = results.folder
         results.troubles.append(
             f"not simulated in RTL: {', '.join(names(missing))}; create with: "
-            f"make RESULTS={place} {place}/{SOURCES['scenes'][0]}"
+            f"make RESULTS={place} {place}/{RESULTS['scenes'].file}"
         )
 
 
@@ -122,9 +135,9 @@ def measured(results: Results) -> Iterator[Item]:
     """Table of cycles and error of each view."""
     rows = views(results)
     left_out(results, rows)
-    columns, view, alike = of_views(rows)
+    view, alike = of_views(rows)
     yield from cards(of_memory(rows))
-    yield Table(
+    yield Table.of(
         "scenes",
         f"Frames in RTL simulation ({alike}). Both halves work at the same time on neighbouring "
         "frames, so a frame takes as long as the slower half. Model: deviation of the cycle "
@@ -132,26 +145,9 @@ def measured(results: Results) -> Iterator[Item]:
         "reference on the same packed model (machine) and on the scene as trained, all harmonics "
         "(scene; – if only a packed model was given). Identical: every bit of the picture equals "
         "the golden model's.",
-        [
-            *columns, *(Column(half, "M cycles", 2) for half in HALVES),
-            Column("FPS", "at 800 MHz", 1), Column("model", "off by %", 1),
-            Column("PSNR, machine", "dB", 2, none="exact"),
-            Column("PSNR, scene", "dB", 2, none="exact"),
-            Column("max error, machine", f"of {LEVELS}", 0), Column("identical"),
-            Column("traffic", "MB", 1),
-        ],
-        [
-            [
-                *view(row), *(row["cycles"][half] / MILLION for half in HALVES),
-                row["cycles"]["fps_at_800mhz"],
-                100 * (row["model_cycles"]["frame"] / row["cycles"]["frame"] - 1),
-                row["psnr_db_machine"], row.get("psnr_db_scene", NONE),
-                row["max_error_machine"] * LEVELS, row["identical"],
-                sum(row["traffic_bytes"].values()) / MEGABYTE,
-            ]
-            for row in rows
-        ],
-        ("scenes",),
+        [*view, *columns(SceneRow, CYCLES_SHOWN), MODEL,
+         *columns(SceneRow, ERRORS_SHOWN), TRAFFIC],
+        rows, ("scenes",),
     )  # fmt: skip
 
 
@@ -210,16 +206,14 @@ def bars(results: Results) -> Iterator[Item]:
 def traffic(results: Results) -> Iterator[Item]:
     """DRAM traffic by cause: plot and table."""
     rows = of_memory(views(results))
-    columns, view, alike = of_views(rows)
+    view, alike = of_views(rows)
     causes = list(dict.fromkeys(cause for row in rows for cause in row["traffic_bytes"]))
     known = {cause for together in CAUSES.values() for cause in together}
-    groups = CAUSES | {cause: (cause,) for cause in causes if cause not in known}
-    amounts = {
-        group: [
-            sum(row["traffic_bytes"].get(cause, 0) for cause in together) / MEGABYTE for row in rows
-        ]
-        for group, together in groups.items()
-    }
+    groups = [
+        Column(name, "MB", 2, get=partial(megabytes, causes=together))
+        for name, together in (CAUSES | {c: (c,) for c in causes if c not in known}).items()
+    ]
+    amounts = {group.name: [group.value(row) for row in rows] for group in groups}
 
     def draw(figure: Canvas):
         axes = figure.subplots()
@@ -234,18 +228,11 @@ def traffic(results: Results) -> Iterator[Item]:
         f"Stacked bars of {len(rows)} views.",
         AROUND + 0.2 + BAR * len(rows), draw, "scenes",
     )  # fmt: skip
-    yield Table(
+    yield Table.of(
         "traffic",
         f"The same in numbers, from the performance counters ({alike}).",
-        [*columns, *(Column(group, "MB", 2) for group in groups), Column("all", "MB", 2)],
-        [
-            view(row)
-            + [amounts[group][n] for group in groups]
-            + [sum(row["traffic_bytes"].values()) / MEGABYTE]
-            for n, row in enumerate(rows)
-        ],
-        ("scenes",),
-    )
+        [*view, *groups, TRAFFIC.called("all", digits=2)], rows, ("scenes",),
+    )  # fmt: skip
 
 
 BLOCKS = (measured, bars, traffic)

@@ -1,18 +1,26 @@
 """The report's section on the sweep: speed, PSNR and gates of machines with one change each."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from splatcore.eda.paper import FPS, GATES_ALL
-from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
-from splatcore.study.report.page import MILLION, NONE, THOUSAND, Card, Column, Figure, Item, Table
-from splatcore.study.report.results import Facts, Results, in_units
-from splatcore.study.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW, against_rtl
+from splatcore.study.report.page import MILLION, THOUSAND, Card, Figure, Item
+from splatcore.study.report.results import Facts, Results
+from splatcore.study.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW
 from splatcore.study.report.sweep_plot import knobs, plane
+from splatcore.study.results.fields import columns, with_names
+from splatcore.study.results.frames import SweepPoint, SweepRow
 
 BASES = ("DEFAULT", "PAPER")  # points that are also listed scene by scene
 
-EXACT = "exact"
+SHOWN = (
+    "knob value nand2 memory_kb frame_cycles_max fps_min psnr_db_machine_min psnr_db_machine_mean "
+    "max_error_machine_max front"
+)
+BY_SCENE = "cycles.frame fps_at_800mhz psnr_db_machine psnr_db_scene max_error_machine"
+"""Keys of columns."""
 
 
 def swept(results: Results) -> tuple[Facts, Facts]:
@@ -33,32 +41,14 @@ def summary(results: Results) -> Iterator[Item]:
             f"mean PSNR (machine: against the same packed model) of DEFAULT's number formats "
             f"({own:.1f} dB) over the paper's ({paper:.1f} dB)",
         )  # fmt: skip
-    yield Table(
+    yield Table.of(
         "sweep",
         "All machines of the sweep. Cycles and frames per second: of the slowest scene. PSNR and "
         "largest error per channel: over all scenes, 8-bit pictures against the float64 reference "
         "on the same packed model (machine). Front: on the Pareto front of cycles (slowest scene "
         "and mean), mean PSNR and gates.",
-        [
-            Column("machine"), Column("changed"), Column("value"), Column("gates", "k NAND2", 1),
-            Column("memory", "KB", 1), Column("frame", "M cycles", 2),
-            Column("FPS", "at 800 MHz", 1), Column("PSNR, machine, lowest", "dB", 2, EXACT),
-            Column("PSNR, machine, mean", "dB", 2, EXACT),
-            Column("max error, machine", f"of {LEVELS}", 0),
-            Column("front"),
-        ],
-        [
-            [
-                name, point["knob"], point["value"], in_units(point, "nand2", THOUSAND),
-                point["memory_kb"], in_units(point, "frame_cycles_max", MILLION),
-                point.get("fps_min"),
-                *(point.get(f"psnr_db_machine_{which}") for which in ("min", "mean")),
-                in_units(point, "max_error_machine_max", 1 / LEVELS), point["front"],
-            ]
-            for name, point in points.items()
-        ],
-        ("sweep",),
-        frozenset(n for n, name in enumerate(points) if name in BASES),
+        [Column("machine"), *columns(SweepPoint, SHOWN)], with_names("machine", points),
+        ("sweep",), frozenset(n for n, name in enumerate(points) if name in BASES),
     )  # fmt: skip
 
 
@@ -123,38 +113,20 @@ def by_scene(results: Results) -> Iterator[Item]:
             views.setdefault((row["scene"], row["camera"]), {})[row["point"]] = row
     if not views:
         raise InputError(f"{facts.file}: rows has none of {', '.join(BASES)}")
-    columns = [*VIEW]
-    for name in BASES:
-        columns += [
-            Column(f"{name}: frame", "M cycles", 2), Column("FPS", "at 800 MHz", 1),
-            Column("PSNR, machine", "dB", 2, EXACT), Column("PSNR, scene", "dB", 2, EXACT),
-            Column("max error, machine", f"of {LEVELS}", 0),
-        ]  # fmt: skip
-    yield Table(
+    shown = [*VIEW]
+    for base in BASES:
+        cells = columns(SweepRow, BY_SCENE)
+        cells[0] = cells[0].called(f"{base}: frame")
+        shown += [replace(cell, get=f"{base}.{cell.get}", maybe=True) for cell in cells]
+    yield Table.of(
         "sweep-scenes",
         f"DEFAULT and PAPER scene by scene, {facts['size']}, by cycle model and golden model. PSNR "
         "against the reference on the same packed model (machine) and on the scene as trained "
         "(scene).",
-        columns,
-        [
-            [*view, *(cell for name in BASES for cell in cells(rows.get(name)))]
-            for view, rows in views.items()
-        ],
+        shown,
+        ({"scene": scene, "camera": camera} | rows for (scene, camera), rows in views.items()),
         ("sweep",),
     )
-
-
-def cells(row: Facts | None) -> list:
-    """Cycles, frames per second and error of a view.
-
-    Missing values are `NONE`, as None would mean an exact PSNR.
-    """
-    if row is None:
-        return [NONE] * 5
-    return [
-        row["cycles"]["frame"] / MILLION, row["fps_at_800mhz"], row["psnr_db_machine"],
-        row.get("psnr_db_scene", NONE), row["max_error_machine"] * LEVELS,
-    ]  # fmt: skip
 
 
 def confirmed(results: Results) -> Iterator[Item]:
@@ -163,19 +135,12 @@ def confirmed(results: Results) -> Iterator[Item]:
     found = {name: point["rtl"] for name, point in points.items() if point.get("rtl")}
     if not found:
         return
-    yield Table(
+    yield Table.of(
         "sweep-rtl",
         "Machines of the sweep simulated in RTL: cycles per frame by the cycle model and in RTL. "
         "Identical: every bit of the picture equals the golden model's.",
         [Column("machine"), *VIEW, Column("size"), *AGAINST_RTL],
-        [
-            [
-                name, rtl["scene"], rtl["camera"], rtl["size"],
-                *against_rtl(rtl["model_cycles"], rtl["cycles"], rtl["identical"]),
-            ]
-            for name, rtl in found.items()
-        ],
-        ("sweep",),
+        with_names("machine", found), ("sweep",),
     )  # fmt: skip
 
 
