@@ -14,8 +14,9 @@ from splatcore.sim.frame.size import parse_size
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 from splatcore.study.report import kept
-from splatcore.study.report.results import Options, Results
-from splatcore.study.report.titles import SECTIONS
+from splatcore.study.report.kept import Options
+from splatcore.study.report.results import Results
+from splatcore.study.report.titles import SECTIONS, titles
 
 OutputOption = option(Path, "DIR", "Folder to write into.", "-o", "--out", panel=OUTPUT)
 ResultsOption = option(
@@ -62,8 +63,8 @@ def report_command(
     keep: KeepOption = None,
     pictures: PicturesOption = None,
 ):  # fmt: skip
-    names = list(dict.fromkeys(section or SECTIONS))
-    check_known("--section", SECTIONS, *names)
+    names = list(dict.fromkeys(section or titles()))
+    check_known("--section", titles(), *names)
     size = "x".join(map(str, parse_size(size))) if size else None
     if preset:
         find_preset(preset)

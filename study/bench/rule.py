@@ -24,8 +24,8 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.study.bench.campaign import rows_of_views
 from splatcore.study.bench.campaigns import front
+from splatcore.study.results.campaigns import RuleRow, RuleSummary
 from splatcore.study.results.fields import columns, with_names
-from splatcore.study.results.frames import RuleRow, RuleSummary
 
 Rule = tuple[int, ...]
 

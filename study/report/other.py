@@ -154,25 +154,25 @@ def placed(results: Results) -> Iterator[Item]:
             results.troubles.append(str(error))
     if not rows:
         return
-    yield Table.of(
+    yield Table(
         "fpga",
         "Placed and routed on a Lattice ECP5 by yosys and nextpnr: a whole machine with several "
         "seeds, and parts of machines, each alone. From, to: ends of the path that limits Fmax. "
         "The registers around single parts are subtracted.",
-        [Column("machine"), Column("device"), Column("part"), *columns(Placed, PLACED)],
+        [Column("machine"), Column("device"), Column("part"), *PLACED],
         rows, FPGA_SOURCES,
     )  # fmt: skip
 
 
-PLACED = " ".join(each.name for each in fields(Placed))
+PLACED = columns(Placed, " ".join(each.name for each in fields(Placed)))
 
 
-def parts(facts: Facts) -> list[Facts]:
-    """Rows of a machine's parts, or of the whole machine for each seed."""
+def parts(facts: Facts) -> list[list]:
+    """Cells of a machine's parts, or of the whole machine for each seed."""
     seeds = {f"whole, seed {n}": part for n, part in enumerate(facts.get("seeds", ()), 1)}
     device = f"LFE5U-{facts['device'].upper()}-{facts['speed']}"
     return [
-        part | {"machine": facts["preset"], "device": device, "part": name}
+        [facts["preset"], device, name, *(column.value(part) for column in PLACED)]
         for name, part in (seeds or facts["parts"]).items()
     ]
 

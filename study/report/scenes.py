@@ -13,8 +13,9 @@ from splatcore.spec.error import InputError
 from splatcore.study.bench.scenes import MEGABYTE
 from splatcore.study.report.page import MILLION, Card, Item, plotted
 from splatcore.study.report.results import Facts, Results
+from splatcore.study.results.campaigns import Simulated
 from splatcore.study.results.fields import columns
-from splatcore.study.results.frames import HALVES, SceneRow, Simulated
+from splatcore.study.results.frames import HALVES, SceneRow
 from splatcore.study.results.known import RESULTS
 
 CYCLES_MAX = CLOCK_HZ / FPS  # per frame at the paper's frame rate

@@ -1,10 +1,12 @@
 """Composition of a report from sections. A missing result affects only its own section."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 from splatcore.sim.common.output import write
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
 from splatcore.study.report import (
     budget,
@@ -17,9 +19,12 @@ from splatcore.study.report import (
     scenes,
     sweep,
 )
+from splatcore.study.report.kept import items
 from splatcore.study.report.page import Item, Part, facts, html
 from splatcore.study.report.results import Results
-from splatcore.study.report.titles import SECTIONS
+from splatcore.study.report.titles import titles
+from splatcore.study.results.fields import columns, sheets
+from splatcore.study.results.known import RESULTS
 
 Block = Callable[[Results], Iterable[Item]]  # part of a section that succeeds or fails as a whole
 
@@ -37,13 +42,26 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
     "fpga": other.FPGA,
     "fit": other.FIT,
 }
-"""Blocks of each section, in order."""
+"""Blocks of each section, in order; of a result's own section: its tables."""
+
+
+def own_tables(name: str, results: Results) -> Iterator[Table]:
+    """The kept tables of a result."""
+    result, facts = RESULTS[name], results.facts(name)
+    for sheet in sheets(result.schema):
+        keys = [leaf.key for leaf in sheet.kept]
+        outer = sheet.columns[: -len(keys)]
+        shown = [*map(Column, outer), *columns(sheet.schema, " ".join(keys))]
+        rows = [
+            dict(zip(outer, own, strict=True)) | item for own, item in items(facts, sheet.place)
+        ]
+        yield Table.of(f"{name}{'-' * bool(sheet.end)}{sheet.end}", "", shown, rows, (name,))
 
 
 def compose(name: str, results: Results) -> Part:
     """Compose a section; the error of a failed block becomes a problem of the section."""
-    part = Part(name, *SECTIONS[name])
-    for block in BLOCKS[name]:
+    part = Part(name, *titles()[name])
+    for block in BLOCKS.get(name) or (partial(own_tables, name),):
         results.used.clear()
         try:
             part.items += list(block(results))

@@ -10,8 +10,8 @@ from splatcore.study.report.page import MILLION, THOUSAND, Card, Figure, Item
 from splatcore.study.report.results import Facts, Results
 from splatcore.study.report.scenes import AGAINST_RTL, CYCLES_MAX, VIEW
 from splatcore.study.report.sweep_plot import knobs, plane
+from splatcore.study.results.campaigns import SweepPoint, SweepRow
 from splatcore.study.results.fields import columns, with_names
-from splatcore.study.results.frames import SweepPoint, SweepRow
 
 BASES = ("DEFAULT", "PAPER")  # points that are also listed scene by scene
 

@@ -1,5 +1,7 @@
 """Titles and introductions of a report's sections."""
 
+from splatcore.study.results.known import RESULTS
+
 SECTIONS = {
     "scenes": (
         "Real scenes in RTL simulation",
@@ -67,3 +69,8 @@ SECTIONS = {
     ),
 }
 """Title and introduction by name, in the order of the page."""
+
+
+def titles() -> dict[str, tuple[str, str]]:
+    """`SECTIONS`, and those of results that have one of their own."""
+    return SECTIONS | {e.name: (e.title, e.about) for e in RESULTS.values() if e.title}

@@ -94,7 +94,7 @@ class StepRow(Other, Model, Named):
 
 @result
 class Target:
-    """What was asked for."""
+    """A target."""
 
     target_ratio: float | None = item(
         "that was asked for, `null` for packing alone", "×", 1, title="target", none="packing",
@@ -165,7 +165,7 @@ class Powers:
 
 @result
 class Scene:
-    """What was measured of a scene."""
+    """A scene's results."""
 
     against: str = item(
         "the truth: `photographs` that were held out, or the `original` scene's pictures",

@@ -23,7 +23,7 @@ LEVELS = 255  # steps of an 8-bit channel
 
 @dataclass(frozen=True)
 class Value:
-    """What a field means.
+    """The meaning of a field.
 
     meaning: for docs/json.md
     title, unit, digits, per, none: of its column; see `Column`
@@ -116,7 +116,7 @@ def facts(found: object) -> object:
 
 
 def about(each: Field) -> Value:
-    """What a field means."""
+    """The meaning of a field."""
     return each.metadata["value"]
 
 

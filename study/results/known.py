@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from splatcore.study.results import compression, frames, machines
+from splatcore.study.results import campaigns, compression, frames, machines
 
 VARIABLES = ("SCENES", "SIZE", "PRESET", "POINTS")
 """Variables of make on which a result may depend."""
@@ -66,17 +66,17 @@ RESULTS = {
                frames.Quality),
         Result("sweep", "sweep/sweep.json",
                "bench sweep --out $(@D) $(SCENES) $(size) $(addprefix --point ,$(POINTS))",
-               frames.Sweep),
-        Result("synth", "synth.json", "synth --stage top --json $@ $(preset)", machines.Synth),
-        Result("memories", "memories.json", "memories --json $@ $(preset)", machines.Memories),
-        Result("ablation", "ablation/ablation.json", f"bench ablation --out $(@D) {ALL}",
-               frames.Ablation),
-        Result("power", "power.json",
-               "power --json $@ $(SCENE) $(addprefix --camera ,$(CAMERA)) $(size) $(preset)",
-               machines.Power),
+               campaigns.Sweep),
         hard("hard", "golden {} $(preset)", pictures=("hard-cases.png",)),
         hard("hard-rtl", "rtl --preset TINY {}"),
         hard("hard-paper", "golden --preset PAPER {}"),
+        Result("synth", "synth.json", "synth --stage top --json $@ $(preset)", machines.Synth),
+        Result("memories", "memories.json", "memories --json $@ $(preset)", machines.Memories),
+        Result("ablation", "ablation/ablation.json", f"bench ablation --out $(@D) {ALL}",
+               campaigns.Ablation),
+        Result("power", "power.json",
+               "power --json $@ $(SCENE) $(addprefix --camera ,$(CAMERA)) $(size) $(preset)",
+               machines.Power),
         Result("fpga-tiny", "fpga-tiny.json", "fpga --preset TINY --json $@", machines.Fpga),
         Result("fpga", "fpga.json", "fpga --json $@ $(preset)", machines.Fpga),
         Result("fpga-whole", "fpga-whole.json", "fpga --whole --speed 8 --json $@",

@@ -6,6 +6,11 @@ from splatcore.study.results.frames import THOUSAND, preset
 FLIP_FLOPS = "of one of them"
 
 
+def more(meaning: str):
+    """An object that is not kept."""
+    return item(meaning, kept=False, examples=({},))
+
+
 @result
 class Gates:
     """A part of the machine."""
@@ -34,8 +39,8 @@ class Top:
     speed_nand2: float = item("as for its parts")
     paper_nand2: float | None = item("the paper's figure", kept=False)
     faults: list = item("latches, loops, several drivers or none", kept=False, maybe=True)
-    whole: int = item(
-        "flip-flops before optimisation, which equal those of all `parts`", kept=False, maybe=True
+    flip_flops_before: dict = more(
+        "before optimisation: of all `parts` and of the `whole`, which must be equal"
     )
     parts: dict[str, Gates] = table("by name", "", "part")
 
@@ -146,14 +151,39 @@ class Storage:
 class Power:
     """`power`: an ESTIMATE."""
 
+    estimate: str = item("says that it is one", kept=False)
     preset: str = preset()
     scene: str = item("what was rendered", examples=("vase.ply",))
     camera: str = item("what was rendered", examples=("0",))
     size: list = item("width and height in pixels", examples=([64, 48],))
+    antialiased: bool = item("as above", kept=False)
+    antialiased_by: str = item("as above", kept=False)
+    near: float = item("as above", kept=False)
+    notes: list = item("as above", kept=False)
+    liberty: dict = more(
+        "with `--liberty`: `library`, `corner`, `voltage`, `process_nm`, and the `scale` of its "
+        "energies to 28 nm"
+    )
     fps: float = item("frames per second for which power is given")
+    cycles: int = item("of a frame at full speed, with LPDDR4", kept=False)
+    sampling: dict = more(
+        "`window_cycles`, `one_in`: one window of this many was sampled, `simulated_cycles` of the "
+        "run, `counted_cycles` of the frame"
+    )
     power_w: float = item("of the chip without DRAM")
+    leakage_w: float = item("of the chip without DRAM", kept=False)
+    frame_j: float = item("of a frame, with its share of leakage", kept=False)
     dram_w: float = item("of DRAM")
+    dram_frame_j: dict = more("of a frame by cause")
     pixels_per_j: float = item("pixels that a joule makes")
+    pixels_per_j_with_dram: float = item("pixels that a joule makes", kept=False)
+    traffic_bytes: dict = more("DRAM bytes of a frame by cause")
+    constants: dict = more("`spec.energy.Energy`, and fJ and pJ that follow from it")
     paper: dict = item("its W by stage and memory, and the fJ of a NAND2 and cycle that they imply")
     stages: dict[str, Logic] = table("by name", "", "stage")
+    parts: dict = more(
+        "by name as `stages`, and `bits` of their nets, their `changes` in a frame, and bits that "
+        "never changed (`still`)"
+    )
     stage_memories: dict[str, Storage] = table("by name", "memories", "stage")
+    memories: dict = more("by path as `stage_memories`")

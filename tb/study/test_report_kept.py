@@ -14,8 +14,7 @@ from splatcore.sim.common import version
 from splatcore.sim.common.output import write_json
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.study.report.kept import FOLDER, files, read_kept, tables
-from splatcore.study.report.kept_columns import TABLES
-from splatcore.study.report.results import SOURCES
+from splatcore.study.results.known import RESULTS
 from tb.helpers.command import ROOT, make, run
 from tb.helpers.report_page import Page, Report
 from tb.helpers.report_samples import VERSION, everything, write
@@ -81,32 +80,32 @@ def test_the_repository_s_own_page(tmp_path):
         capture_output=True, text=True, timeout=600,
     )  # fmt: skip
     found = Report(tmp_path / "out", done.returncode, done.stderr)
-    kept = {name for name in TABLES if all(path.exists() for path in files(name, FOLDER))}
+    kept = {name for name in RESULTS if all(path.exists() for path in files(RESULTS[name], FOLDER))}
     assert {"quality", "hard", "synth", "memories"} <= kept
     lines = done.stderr.splitlines()
-    missing = set(SOURCES) - kept
+    missing = set(RESULTS) - kept
     assert done.returncode == bool(lines), done.stderr
     assert all("; create with: make " in line for line in lines), done.stderr
     for name in missing:
-        assert any(SOURCES[name][0] in line for line in lines), name
+        assert any(RESULTS[name].file in line for line in lines), name
     for section, key in (("quality", "quality"), ("published", "published")):
         assert len(found.table(section, key)) > 3, key
     assert {row["machine"] for row in found.table("published", "published")} > {"GSCore", "Neo"}
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", RESULTS)
 def test_the_repository_s_tables(name):
     """The repository's kept tables are complete, small, and without absolute paths."""
-    present = [path for path in files(name, FOLDER) if path.exists()]
+    present = [path for path in files(RESULTS[name], FOLDER) if path.exists()]
     if not present:
         return
-    facts = read_kept(name, FOLDER)
-    assert facts["command"].startswith("make ") and SOURCES[name][0] in facts["command"]
+    facts = read_kept(RESULTS[name], FOLDER)
+    assert facts["command"].startswith("make ") and RESULTS[name].file in facts["command"]
     assert "commit " in facts["version"] and "dirty" not in facts["version"]
     for path in present:
         assert path.stat().st_size < KEPT_BYTES
         assert not re.search(r"""(^|[\s=,'"])/\w""", path.read_text()), "an absolute path"
-    texts = tables(name, facts, facts["command"], FOLDER)
+    texts = tables(RESULTS[name], facts, facts["command"], FOLDER)
     assert {path: path.read_text() for path in present} == texts
 
 
@@ -125,7 +124,7 @@ def test_no_folder_is_kept(samples, tmp_path):
     write(tmp_path / "power.json", facts | {"scene": "/a/b/c.ply", "camera": "/a/b/c.json:2"})
     words = ["--section", "power", "--results", str(tmp_path), "--keep", str(tmp_path / "kept")]
     assert run("report", "-o", str(tmp_path / "out"), *words) == 0
-    found = read_kept("power", tmp_path / "kept")
+    found = read_kept(RESULTS["power"], tmp_path / "kept")
     assert (found["scene"], found["camera"]) == ("c.ply", "c.json:2")
     assert found["command"] == "make SCENES=c.ply SIZE=64x48 out/report/results/power.json"
 
@@ -243,7 +242,7 @@ HEADLINE = r"^\| .* \| (.*) \| `make (?:.* )?out/report/results/(.*)` \|$"
 
 def headline() -> list[list[str]]:
     """The figures of the README's first table and of docs/performance.md's, of what is kept."""
-    quality, scenes = (read_kept(name, FOLDER)["rows"] for name in ("quality", "scenes"))
+    quality, scenes = (read_kept(RESULTS[name], FOLDER)["rows"] for name in ("quality", "scenes"))
     by_packing = {
         asked: [row for row in quality if row["asked"] == asked]
         for asked in ("compact", "balanced", "faithful")
@@ -252,14 +251,14 @@ def headline() -> list[list[str]]:
     rtl = sorted(CLOCK_HZ / row["cycles"]["frame"] for row in scenes)
     against_scene = [min(row["psnr_db_scene"] for row in rows) for rows in by_packing.values()]
     most_bytes = [max(row["bytes_per_gaussian"] for row in rows) for rows in by_packing.values()]
-    cases = read_kept("hard", FOLDER)["cases"].values()
+    cases = read_kept(RESULTS["hard"], FOLDER)["cases"].values()
     assert all(row["identical"] for row in scenes)
     readme = [
         f"{rtl[0]:,.0f} to {rtl[-1]:,.0f}, {len(rtl)} views",
         f"{min(row['psnr_db_machine'] for row in quality):.1f} dB",
         f"{', '.join(f'{each:.1f}' for each in against_scene)} dB",
-        f"{read_kept('synth', FOLDER)['top']['nand2'] / 1e3:,.0f} k NAND2",
-        f"{read_kept('memories', FOLDER)['kilobytes']:.1f} KB",
+        f"{read_kept(RESULTS['synth'], FOLDER)['top']['nand2'] / 1e3:,.0f} k NAND2",
+        f"{read_kept(RESULTS['memories'], FOLDER)['kilobytes']:.1f} KB",
     ]
     performance = [
         f"{fps[0]:.0f} to {fps[-1]:,.0f}, {len(fps)} views",
@@ -274,4 +273,4 @@ def test_the_headline_figures():
     for page, figures in zip(PAGES, headline(), strict=True):
         rows = re.findall(HEADLINE, page, re.M)
         assert [value for value, _ in rows] == figures
-        assert {file for _, file in rows} <= {file for file, _ in SOURCES.values()}
+        assert {file for _, file in rows} <= {result.file for result in RESULTS.values()}

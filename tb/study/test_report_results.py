@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from splatcore.study.report.results import SOURCES, Options, Results
+from splatcore.study.report.kept import Options
+from splatcore.study.report.results import Results
+from splatcore.study.results.known import RESULTS
 from tb.helpers.command import make
 from tb.helpers.report_page import Page, Report, report
 from tb.helpers.report_samples import SIZE, VIEWS, everything, write
@@ -83,8 +85,8 @@ def test_everything_is_missing(tmp_path, capsys):
     assert found.status == 1
     for name, section in found.sections.items():
         assert bool(section["problems"]) == (name != "fit"), name
-    for file, _ in SOURCES.values():
-        assert file in found.messages, file
+    for result in RESULTS.values():
+        assert result.file in found.messages, result.file
     Page(found.text)
 
 
@@ -151,12 +153,12 @@ def commands(*words: str, **variables: str) -> list[list[str]]:
 def test_the_named_command_makes_the_result(tmp_path):
     found = Results(tmp_path, Options(("x.ply", "y.ply"), "32x16", "TINY"))
     variables = {"SCENES": "x.ply y.ply", "SIZE": "--size 32x16", "PRESET": "--preset TINY"}
-    assert set(COMMANDS) == set(SOURCES)
+    assert set(COMMANDS) == set(RESULTS)
     for name, command in COMMANDS.items():
         for word, value in variables.items():
             command = command.replace(f" {word}", f" {value}")
         program, *words = shlex.split(found.command(name))
-        assert program == "make" and str(tmp_path / SOURCES[name][0]) == words[-1]
+        assert program == "make" and str(tmp_path / RESULTS[name].file) == words[-1]
         assert commands(*words) == [command.replace("DIR", str(tmp_path)).split()], name
 
 
