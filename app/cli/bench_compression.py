@@ -23,7 +23,6 @@ from splatcore.app.cli.power import LibertyOption, ProcessOption, checked_librar
 from splatcore.eda.cells.liberty import Library
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import make_folder
-from splatcore.sim.common.table import print_whole
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.size import parse_size
 from splatcore.spec.config import DEFAULT
@@ -126,7 +125,7 @@ def compression_command(
     make_folder(output)
     facts = bench_compression(found, parts, chosen, wanted, protocol, output, cells)
     for each in (made for scene in facts["scenes"].items() for made in tables(*scene)):
-        print_whole(each)
+        each.print()
     write_csv(output, facts)
     write_curve(output / "curve.png", facts["scenes"])
     finish(output / RESULT, facts)

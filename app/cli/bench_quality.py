@@ -9,13 +9,19 @@ from splatcore.app.cli.options import (
     PresetOption,
     option,
 )
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import Table
 from splatcore.sim.frame.reading import Reading
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 from splatcore.study.bench.quality import TARGETS, quality
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import QualityRow
 
-AGAINST = ("scene", "packing", "machine")
+SHOWN = (
+    "scene camera asked bytes_per_gaussian psnr_db_scene psnr_db_packing psnr_db_machine "
+    "max_error_machine cycles.frame model_bytes"
+)
+"""Keys of columns."""
 
 TargetsOption = option(
     str, "DB,DB,…", "Also pack the smallest model for each PSNR.", "--psnr", panel=MACHINE
@@ -50,14 +56,7 @@ def quality_command(
         output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
     )
     facts = quality(config, found, targets, output, scheduler)
-    headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
-    table = new_table("view", headings.split("|"), "by golden and cycle model", ["packing"])
-    for row in facts["rows"]:
-        decibels = [shown(row[f"psnr_db_{name}"], ".2f", none="∞") for name in AGAINST]
-        table.add_row(
-            f"{row['scene']} {row['camera']}", f"{row['bytes_per_gaussian']:.2f}", *decibels,
-            f"{row['max_error_machine']:.3f}", f"{row['cycles']['frame'] / 1000:,.0f}",
-            f"{row['model_bytes'] / 1e6:.2f}", row["asked"],
-        )  # fmt: skip
-    print_whole(table)
+    Table.of(
+        "quality", "by golden and cycle model", columns(QualityRow, SHOWN), facts["rows"]
+    ).print()
     bench.finish(output / "quality.json", facts)

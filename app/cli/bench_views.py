@@ -1,7 +1,6 @@
 """The commands `bench scenes`, `bench sweep` and `bench ablation`."""
 
 import typer
-from rich.table import Table
 
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
@@ -15,10 +14,12 @@ from splatcore.app.cli.options import (
 )
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.machine.script import TIMINGS, find_timing
 from splatcore.spec.preset import find_preset
+from splatcore.study.results.campaigns import SweepPoint
+from splatcore.study.results.fields import columns, with_names
 
 TimingOption = option(str, "NAME", "Memory model: 'ideal', 'lpddr4' or 'both'.", panel=MACHINE)
 PointOption = option(
@@ -108,26 +109,22 @@ def sweep_command(
     if confirm:
         view = bench.view_of(confirm, found[0].size, reading=Reading(antialiased, axes, near))
         campaigns.confirm(chosen, facts, view, output)
-    print_whole(sweep_table(facts))
+    sweep_table(facts).print()
     bench.finish(output / "sweep.json", facts)
+
+
+SHOWN = (
+    "frame_cycles_max frame_cycles_mean fps_min psnr_db_machine_min psnr_db_machine_mean "
+    "max_error_machine_max nand2 memory_kb front"
+)
+"""Keys of columns."""
 
 
 def sweep_table(facts: dict) -> Table:
     """Return a table of the machines of a sweep."""
-    headings = "k cycles|… mean|FPS|dB min|dB mean|max error|k gates|KB|front".split("|")
-    table = new_table(
-        "machine", headings, "slowest and worst view of each; dB and maximum error of the machine"
-    )
-    forms = {
-        "frame_cycles_max": (",.0f", 1000), "frame_cycles_mean": (",.0f", 1000),
-        "fps_min": (".1f",), "psnr_db_machine_min": (".1f",), "psnr_db_machine_mean": (".1f",),
-        "max_error_machine_max": (".3f",),
-        "nand2": (",.0f", 1000), "memory_kb": (".1f",),
-    }  # fmt: skip
-    for name, found in facts["points"].items():
-        cells = (shown(found.get(key), *form) for key, form in forms.items())
-        table.add_row(name, *cells, "*" if found["front"] else "")
-    return table
+    shown = [Column("machine"), *columns(SweepPoint, SHOWN)]
+    points = with_names("machine", facts["points"])
+    return Table.of("sweep", "slowest and worst view of each; errors of the machine", shown, points)
 
 
 @bench.bench.command("ablation")
@@ -159,15 +156,21 @@ def ablation_command(
     reading = Reading(antialiased, axes, near)
     simulated = [bench.view_of(text, size, quality, reading) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
-    names = [step["name"] for step in facts["steps"]]
-    table = new_table("view", names, "frames per second at 800 MHz")
-    cells: dict[str, list[str]] = {}
+    ablation_table(facts).print()
+    bench.finish(output / "ablation.json", facts)
+
+
+def ablation_table(facts: dict) -> Table:
+    """Return a table of frames per second by view and step."""
+    rows: dict[str, dict] = {}
     for row in facts["rows"]:
         title = f"{row['scene']} {row['camera']}"
         simulated = f" ({row['rtl_cycles'] / 1000:,.0f} k in RTL)" if row["rtl_cycles"] else ""
-        cells.setdefault(title, []).append(f"{row['fps_at_800mhz']:.1f}{simulated}")
-    for title, values in cells.items():
-        table.add_row(title, *values)
-    table.add_row("the paper", *(str(step["paper_fps"] or "–") for step in facts["steps"]))
-    print_whole(table)
-    bench.finish(output / "ablation.json", facts)
+        found = rows.setdefault(title, {"view": title})
+        found[row["step"]] = f"{row['fps_at_800mhz']:.1f}{simulated}"
+    steps = {step["name"]: step["paper_fps"] for step in facts["steps"]}
+    shown = [Column("view"), *(Column(name, digits=1, get=name) for name in steps)]
+    return Table.of(
+        "ablation", "frames per second at 800 MHz", shown,
+        [*rows.values(), {"view": "the paper"} | steps],
+    )  # fmt: skip

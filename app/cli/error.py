@@ -176,7 +176,7 @@ def error_budget(views: dict[str, View], config: Config, output: Path | None, js
 
     rows = budgets(config, views)
     for found in rows:
-        print_whole(budget_table(found))
+        budget_table(found).print()
         console.print(f"{budget_line(found)}\n", soft_wrap=True)
     console.print(BUDGET, soft_wrap=True)
     if output:

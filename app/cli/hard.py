@@ -12,7 +12,6 @@ from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
-from splatcore.sim.common.table import print_whole
 from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import ENGINES, check_fits
 from splatcore.sim.machine.script import LPDDR4, find_timing
@@ -75,7 +74,7 @@ def hard_command(
             advance(number, len(names))
             outcomes.append(measure(case, engine, config, shape, machine, memory))
         console.print(pass_line(outcomes[-1]), soft_wrap=True, markup=False)
-    print_whole(table(outcomes, f"{engine}, preset {config.name}"))
+    table(outcomes, f"{engine}, preset {config.name}").print()
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     console.print(
         f"{len(outcomes) - len(failed)} of {len(outcomes)} pass"

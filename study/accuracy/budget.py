@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from splatcore.golden.bin import keys, splat_codes
 from splatcore.golden.exact import entries_of, features_of
@@ -29,7 +28,7 @@ from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.plot import legend_below, side_by_side
-from splatcore.sim.common.table import new_table, shown
+from splatcore.sim.common.table import Table, shown
 from splatcore.sim.frame.budget import part_by_part
 from splatcore.sim.frame.choose import Progress, packed
 from splatcore.sim.frame.metric import LEVELS
@@ -42,6 +41,8 @@ from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.raster import faint_rule
 from splatcore.spec.scene import Gaussians
 from splatcore.study.accuracy.points import Reference, drawn_splats, fields_of, picture
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import BudgetPart
 
 WHOLES = ("packing", "machine", "scene")
 """Groups of parts; "scene" is everything together."""
@@ -168,19 +169,10 @@ def with_shares(rows: list[dict]) -> list[dict]:
 
 
 def budget_table(found: dict) -> Table:
-    """Table of a view's parts and wholes, in sections: packing, machine, both."""
+    """Table of a view's parts and wholes."""
     title = f"{found['scene']} {found['camera']}, packed as {found['quality']}"
-    table = new_table("part", ("dB alone", "largest error, of 255", "share, %"), title)
-    of = WHOLES[0]
-    for each in found["parts"]:
-        if each["of"] != of:
-            table.add_section()
-        of = each["of"]
-        table.add_row(
-            each["part"], shown(each["psnr_db"], ".2f", none="equal"),
-            shown(each["max_error"], ".2f", 1 / LEVELS), shown(each["share"], ".2f", 0.01),
-        )  # fmt: skip
-    return table
+    shown = columns(BudgetPart, "part of psnr_db max_error share")
+    return Table.of("budget", title, shown, found["parts"])
 
 
 def budget_line(found: dict) -> str:

@@ -1,10 +1,11 @@
 """Terminal output of the hard cases: one line and one table row each."""
 
-from rich.table import Table
+from dataclasses import replace
 
-from splatcore.sim.common.table import new_table, shown
-from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.common.table import NONE, Column, Table, shown
 from splatcore.study.bench.hard_cases import Outcome
+from splatcore.study.results.fields import columns
+from splatcore.study.results.frames import HardCase
 
 CAUSES = {
     "not_finite": "NaN or Inf",
@@ -25,31 +26,31 @@ def pass_line(outcome: Outcome) -> str:
     return f"{outcome.name}: pass ({outcome.bound}): {', '.join(found)}"
 
 
+SHOWN = (
+    "psnr_db_machine psnr_db_rule ssim_machine max_error_machine psnr_db_scene "
+    "psnr_db_packing cycles"
+)
+"""Keys of columns."""
+
+COMPARED = {"psnr_db_machine": "error", "psnr_db_rule": "error", "psnr_db_scene": "scene",
+            "psnr_db_packing": "packing"}  # fmt: skip
+"""PSNR → the comparison that it belongs to: identical pictures have no PSNR."""
+
+
 def table(outcomes: list[Outcome], title: str) -> Table:
     """Table with one row per case."""
-    numbers = (
-        "dB, machine", "dB, own rule", "SSIM, machine", "max error, machine", "dB, scene",
-        "dB, packing", "cycles",
-    )  # fmt: skip
-    drawn = new_table("case", numbers, title, ("dropped", "bound", ""))
+    rows = []
     for outcome in outcomes:
-        error, scene, packing = outcome.error, outcome.scene, outcome.packing
-        values = outcome.psnr_db, outcome.psnr_db_rule
-        psnrs = (decibels(value, error is not None) for value in values)
-        largest = "–" if error is None else f"{round(error.max_error * LEVELS)} of {LEVELS}"
-        lost = decibels(packing and packing.psnr_db, packing is not None)
-        of_scene = decibels(scene and scene.psnr_db, scene is not None)
-        cells = (
-            *psnrs,
-            shown(error and error.ssim, ".5f"),
-            largest,
-            of_scene,
-            lost,
-            shown(outcome.cycles, ",.0f"),
-            left_out(outcome),
-        )
-        drawn.add_row(outcome.name, *cells, outcome.bound, "pass" if outcome.passed else "FAIL")
-    return drawn
+        row = {"case": outcome.name, "dropped": left_out(outcome)} | outcome.facts()
+        row["passed"] = "pass" if outcome.passed else "FAIL"
+        for key, side in COMPARED.items():
+            if row[key] is None and getattr(outcome, side) is not None:
+                row[key] = "identical"
+        rows.append(row)
+    psnr, *others = (replace(each, none=NONE) for each in columns(HardCase, SHOWN))
+    shown = [Column("case"), psnr.called("PSNR, machine", unit="dB"), *others]
+    texts = [Column("dropped"), Column("bound"), Column("", get="passed")]
+    return Table.of("hard", title, [*shown, *texts], rows)
 
 
 def decibels(value: float | None, compared: bool) -> str:

@@ -82,7 +82,7 @@ def test_steps(fake, tmp_path, capsys):
     model = scene["budget"]["model"]
     assert model["psnr_db"] == rows[-1]["psnr_db"] and model["max_error"] == rows[-1]["max_error"]
     printed = capsys.readouterr().out
-    assert "quantize" in printed and "error budget" in printed and "k cycles" in printed
+    assert "quantize" in printed and "error budget" in printed and "cycles, k" in printed
     assert read_png("out/a.ply.png").std() > 5
 
 

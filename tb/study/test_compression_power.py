@@ -57,7 +57,7 @@ def test_power(fake, tmp_path, monkeypatch, liberty_path, capsys):
     exact = pack(read_scene("a.ply"), DEFAULT, quality="balanced")[0]
     assert np.array_equal(first[0].image, exact.image) and first[0].format.sh_degree == 3
     assert second[0].format.sh_degree == last[0].format.sh_degree == 1
-    assert "mW in cells" in " ".join(capsys.readouterr().out.split())
+    assert "power in cells, mW" in " ".join(capsys.readouterr().out.split())
     assert bench("a.ply", "--liberty", str(liberty_path), "--process", "130") == 2
     assert "small.lib: goes with --part power only" in capsys.readouterr().err
     assert bench(*asked) == 0
