@@ -41,8 +41,8 @@ from splatcore.spec.metric import psnr_of_square
 from splatcore.spec.raster import faint_rule
 from splatcore.spec.scene import Gaussians
 from splatcore.study.accuracy.points import Reference, drawn_splats, fields_of, picture
-from splatcore.study.results.fields import columns
-from splatcore.study.results.frames import BudgetPart
+from splatcore.study.results.fields import columns, facts
+from splatcore.study.results.frames import BudgetPart, BudgetRow
 
 WHOLES = ("packing", "machine", "scene")
 """Groups of parts; "scene" is everything together."""
@@ -92,12 +92,12 @@ def budget(config: Config, view: View, progress: Progress = str) -> dict:
     pairs["scene"] = pixels, scene
     rows += sums + [error(TITLES[of], of, *pairs[of]) for of in WHOLES]
     rows.sort(key=lambda row: WHOLES.index(row["of"]))
-    return {
-        "scene": Path(view.scene).name, "camera": view.camera or camera.name,
-        "size": [camera.width, camera.height], "quality": found.quality,
-        "bytes_per_gaussian": model.bytes_per_gaussian, **found.metrics(frame.pixels),
-        "parts": with_shares(rows),
-    }  # fmt: skip
+    return facts(BudgetRow(
+        scene=Path(view.scene).name, camera=view.camera or camera.name,
+        size=[camera.width, camera.height], quality=found.quality,
+        bytes_per_gaussian=model.bytes_per_gaussian, parts=with_shares(rows),
+        **found.metrics(frame.pixels),
+    ))  # fmt: skip
 
 
 def exact_picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
@@ -161,11 +161,11 @@ def in_sum(rows: list[dict], of: str) -> dict:
     return row(SUM, of, sum(each["square"] for each in rows), None)
 
 
-def with_shares(rows: list[dict]) -> list[dict]:
+def with_shares(rows: list[dict]) -> list[BudgetPart]:
     """Replace squared errors by shares of the whole squared error; None if that is 0."""
     whole = next(each["square"] for each in rows if each["part"] == TITLES["scene"])
-    shares = [{"share": each.pop("square") / whole if whole else None} for each in rows]
-    return [each | share for each, share in zip(rows, shares, strict=True)]
+    shares = ({"share": each.pop("square") / whole if whole else None} for each in rows)
+    return [BudgetPart(**each, **share) for each, share in zip(rows, shares, strict=True)]
 
 
 def budget_table(found: dict) -> Table:

@@ -24,6 +24,8 @@ from splatcore.study.bench.scenes import Simulator
 from splatcore.study.bench.sweep import tasks
 from splatcore.study.bench.sweep_points import Point
 from splatcore.study.fit.gates import part_gates
+from splatcore.study.results.campaigns import Simulated, SweepPoint
+from splatcore.study.results.fields import facts
 
 AXES = (
     ("frame_cycles_max", 1), ("frame_cycles_mean", 1), ("nand2", 1), ("psnr_db_machine_mean", -1),
@@ -42,15 +44,15 @@ def sweep(points: list[Point], views: list[View], folder: Path, scheduler: str |
     order = {point.name: number for number, point in enumerate(points)}
     rows.sort(key=lambda row: (order[row["point"]], row["scene"], row["camera"]))
     between = rest(results)
-    facts = {
+    found = {
         point.name: summary(point, rows, results.get(size_name(point), {}), between)
         for point in points
     }
     axes = [axis for axis, _ in AXES]
-    complete = {k: f for k, f in facts.items() if None not in map(f.get, axes)}
+    complete = {k: f for k, f in found.items() if None not in map(f.get, axes)}
     for name in front(complete):
-        facts[name]["front"] = True
-    return {"size": views[0].size, "points": facts, "rows": rows, "failed": failed}
+        found[name]["front"] = True
+    return {"size": views[0].size, "points": found, "rows": rows, "failed": failed}
 
 
 def size_name(point: Point) -> str:
@@ -87,23 +89,23 @@ def summary(point: Point, rows: list[dict], size: dict, between: float | None) -
     between: NAND2-equivalents of `rest`
     """
     mine = [row for row in rows if row["point"] == point.name]
-    facts = {"knob": point.knob, "value": point.value, "fields": point.fields}
-    facts |= {name: size.get(name) for name in ("nand2_by_part", "memory_kb")}
     known = "nand2" in size and between is not None
-    facts["nand2"] = size["nand2"] + between if known else None
-    facts |= {"front": False, "rtl": None, "views": len(mine)}
+    about = {
+        "knob": point.knob, "value": point.value, "fields": point.fields, "rtl": None,
+        "front": False, "views": len(mine), "nand2": size["nand2"] + between if known else None,
+        **{name: size.get(name) for name in ("nand2_by_part", "memory_kb")},
+    }  # fmt: skip
     if not mine:
-        return facts
+        return facts(SweepPoint(**about))
     cycles = [row["cycles"]["frame"] for row in mine]
     decibels = [row["psnr_db_machine"] for row in mine if row["psnr_db_machine"] is not None]
-    return facts | {
-        "frame_cycles_max": max(cycles),
-        "frame_cycles_mean": float(np.exp(np.mean(np.log(cycles)))),
-        "fps_min": min(row["fps_at_800mhz"] for row in mine),
-        "psnr_db_machine_min": min(decibels, default=None),
-        "psnr_db_machine_mean": float(np.mean(decibels)) if decibels else None,
-        "max_error_machine_max": max(row["max_error_machine"] for row in mine),
-    }
+    return facts(SweepPoint(
+        frame_cycles_max=max(cycles), frame_cycles_mean=float(np.exp(np.mean(np.log(cycles)))),
+        fps_min=min(row["fps_at_800mhz"] for row in mine),
+        psnr_db_machine_min=min(decibels, default=None),
+        psnr_db_machine_mean=float(np.mean(decibels)) if decibels else None,
+        max_error_machine_max=max(row["max_error_machine"] for row in mine), **about,
+    ))  # fmt: skip
 
 
 def front(points: dict[str, dict], axes: tuple[tuple[str, int], ...] = AXES) -> list[str]:
@@ -209,8 +211,7 @@ def confirmed(
         return None
     if not row["identical"]:
         failed.append({"what": title, "why": "the picture is not the golden model's"})
-    return {
-        "scene": row["scene"], "camera": row["camera"], "size": row["size"],
-        "cycles": row["cycles"]["frame"], "model_cycles": row["model_cycles"]["frame"],
-        "identical": row["identical"],
-    }  # fmt: skip
+    return facts(Simulated(
+        scene=row["scene"], camera=row["camera"], size=row["size"], identical=row["identical"],
+        cycles=row["cycles"]["frame"], model_cycles=row["model_cycles"]["frame"],
+    ))  # fmt: skip

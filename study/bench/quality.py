@@ -25,6 +25,8 @@ from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK_HEADER
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 from splatcore.study.bench.campaign import rows_of_views
+from splatcore.study.results.fields import facts
+from splatcore.study.results.frames import QualityRow
 
 TARGETS = "36,40,44,48,52"
 """Default target PSNRs in dB, for each of which the smallest model is found."""
@@ -58,15 +60,15 @@ def measure(view: View, config: Config, targets: list[float], folder: Path) -> d
         frame = render(config, model, camera)
         if asked in UNLEARNED:
             write_png(folder / f"{stem}-{asked}.png", frame.pixels)
-        rows.append({
-            "scene": Path(view.scene).name, "camera": view.camera or camera.name,
-            "asked": asked, "gaussians": len(model), "sh_degree": model.format.sh_degree,
-            "bytes": len(model.image), "bytes_per_gaussian": model.bytes_per_gaussian,
-            "bytes_by_part": bytes_by_part(model), **packed.metrics(frame.pixels),
-            "psnr_db_packing_by_part": psnr_by_part(scene, model, seen),
-            "cycles": frame_cycles(config, frame).by_name, "model_bytes": read_bytes(frame, model),
-        })  # fmt: skip
-    return {"rows": rows}
+        rows.append(QualityRow(
+            scene=Path(view.scene).name, camera=view.camera or camera.name, asked=asked,
+            gaussians=len(model), sh_degree=model.format.sh_degree, bytes=len(model.image),
+            bytes_per_gaussian=model.bytes_per_gaussian, bytes_by_part=bytes_by_part(model),
+            psnr_db_packing_by_part=psnr_by_part(scene, model, seen),
+            cycles=frame_cycles(config, frame).by_name, model_bytes=read_bytes(frame, model),
+            **packed.metrics(frame.pixels),
+        ))  # fmt: skip
+    return {"rows": facts(rows)}
 
 
 def models(

@@ -25,7 +25,7 @@ from splatcore.spec.config import Config
 from splatcore.study.bench.campaign import rows_of_views
 from splatcore.study.bench.campaigns import front
 from splatcore.study.results.campaigns import RuleRow, RuleSummary
-from splatcore.study.results.fields import columns, with_names
+from splatcore.study.results.fields import columns, facts, with_names
 
 Rule = tuple[int, ...]
 
@@ -66,13 +66,13 @@ def title(rule: Rule) -> str:
 def measure_rules(config: Config, views: list[View], folder: Path, scheduler: str | None) -> dict:
     """Measure all views, reuse existing results, and write rule.md and rule.csv."""
     rows, failed = rows_of_views("rule", measure, views, folder, scheduler, config, rules())
-    facts = {
+    found = {
         "preset": config.name, "size": views[0].size, "quality": views[0].quality,
         "rules": summaries(rows), "rows": rows, "failed": failed,
     }  # fmt: skip
-    write(folder / "rule.md", markdown(facts).encode())
+    write(folder / "rule.md", markdown(found).encode())
     write(folder / "rule.csv", comma_separated(rows).encode())
-    return facts
+    return found
 
 
 def measure(view: View, config: Config, rules: list[Rule]) -> dict:
@@ -82,20 +82,26 @@ def measure(view: View, config: Config, rules: list[Rule]) -> dict:
     truth = {"machine": truths(source, model, camera)["machine"]}
     frame = render(replace(config, faint=()), model, camera)
     about = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}
-    rows = [about | row(replace(config, faint=rule), frame, camera, truth) for rule in rules]
-    return {"rows": rows}
+    rows = [row(replace(config, faint=rule), frame, camera, truth, about) for rule in rules]
+    return {"rows": facts(rows)}
 
 
-def row(config: Config, frame: Frame, camera: Camera, truth: dict[str, np.ndarray]) -> dict:
-    """Work and error of a frame that is rasterized again with the machine's rule."""
+def row(
+    config: Config, frame: Frame, camera: Camera, truth: dict[str, np.ndarray], about: dict
+) -> RuleRow:
+    """Work and error of a frame that is rasterized again with the machine's rule.
+
+    about: the view
+    """
     size = camera.width, camera.height
     raster = rasterize(config, frame.binned.features, frame.sorted, size)
     counts = raster.counts
-    return {
-        "rule": title(config.faint),
-        "raster_cycles": raster_cycles(config, replace(frame, raster=raster)),
-        "visited": counts["visited"], "pairs": counts["pairs"] - counts["far"] - counts["empty"],
-    } | against(differences(raster.pixels, truth))  # fmt: skip
+    return RuleRow(
+        rule=title(config.faint), visited=counts["visited"],
+        raster_cycles=raster_cycles(config, replace(frame, raster=raster)),
+        pairs=counts["pairs"] - counts["far"] - counts["empty"],
+        **about, **against(differences(raster.pixels, truth)),
+    )  # fmt: skip
 
 
 def summaries(rows: list[dict]) -> dict[str, dict]:
@@ -113,46 +119,42 @@ def summaries(rows: list[dict]) -> dict[str, dict]:
             for key in WORK
         }
         decibels = [row["psnr_db_machine"] for row in mine if row["psnr_db_machine"] is not None]
-        facts = {"views": len(mine)} | {key: float(np.mean(all_)) for key, all_ in shares.items()}
-        facts |= {"raster_cycles_max": max(row["raster_cycles"] for row in mine)}
-        facts |= {
-            f"raster_cycles_share_{f.__name__}": f(shares["raster_cycles"]) for f in (min, max)
-        }
-        facts |= {
-            "psnr_db_machine_min": min(decibels, default=None),
-            "psnr_db_machine_mean": float(np.mean(decibels)) if decibels else None,
-            "psnr_db_machine_max": max(decibels, default=None),
-            "max_error_machine_max": max(row["max_error_machine"] for row in mine),
-        }
-        facts["allowed"] = not decibels or (
-            facts["psnr_db_machine_min"] >= LEAST and facts["max_error_machine_max"] <= LARGEST
-        )
-        found[name] = facts | {"front": False}
+        least, largest = min(decibels, default=None), max(row["max_error_machine"] for row in mine)
+        allowed = least is None or (least >= LEAST and largest <= LARGEST)
+        found[name] = facts(RuleSummary(
+            views=len(mine), raster_cycles_max=max(row["raster_cycles"] for row in mine),
+            raster_cycles_share_min=min(shares["raster_cycles"]),
+            raster_cycles_share_max=max(shares["raster_cycles"]), psnr_db_machine_min=least,
+            psnr_db_machine_mean=float(np.mean(decibels)) if decibels else None,
+            psnr_db_machine_max=max(decibels, default=None), max_error_machine_max=largest,
+            allowed=allowed, front=False,
+            **{key: float(np.mean(all_)) for key, all_ in shares.items()},
+        ))  # fmt: skip
     known = {k: f for k, f in found.items() if f["allowed"] and f["psnr_db_machine_mean"]}
     for name in front(known, AXES) if known else ():
         found[name]["front"] = True
     return found
 
 
-def over_all(facts: dict) -> Table:
+def over_all(result: dict) -> Table:
     """The rules over all views."""
     return Table.of(
         "rules",
         "Mean of all views. Cycles, blocks and pairs: ratio to 3DGS's rule. PSNR and largest "
         f"error: machine. Allowed: ≥ {LEAST:.0f} dB and error ≤ {LARGEST} in every view.",
-        [Column("rule"), *columns(RuleSummary, SHOWN)], with_names("rule", facts["rules"]),
+        [Column("rule"), *columns(RuleSummary, SHOWN)], with_names("rule", result["rules"]),
     )  # fmt: skip
 
 
-def by_view(facts: dict) -> Table:
+def by_view(result: dict) -> Table:
     """Each view with each rule."""
     rows: dict[str, dict[str, str]] = {}
     cycles, decibels, error = columns(RuleRow, "raster_cycles psnr_db_machine max_error_machine")
-    for row in facts["rows"]:
+    for row in result["rows"]:
         cells = (column.cell(column.value(row)) for column in (cycles, decibels, error))
         view = f"{row['scene']} {row['camera']}"
         rows.setdefault(row["rule"], {"rule": row["rule"]})[view] = ", ".join(cells)
-    views = dict.fromkeys(f"{row['scene']} {row['camera']}" for row in facts["rows"])
+    views = dict.fromkeys(f"{row['scene']} {row['camera']}" for row in result["rows"])
     return Table(
         "views",
         f"Thousands of cycles, PSNR (machine) and largest error of {LEVELS} per view:",
@@ -160,6 +162,6 @@ def by_view(facts: dict) -> Table:
     )  # fmt: skip
 
 
-def markdown(facts: dict) -> str:
+def markdown(result: dict) -> str:
     """Two Markdown tables: the rules over all views, and each view with each rule."""
-    return f"{over_all(facts).markdown()}\n\n{by_view(facts).markdown()}\n"
+    return f"{over_all(result).markdown()}\n\n{by_view(result).markdown()}\n"
