@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from splatcore.eda import paper
+from splatcore.eda.cells import ways as module
 from splatcore.eda.cells.cell_netlist import put_together
 from splatcore.eda.cells.delays import fo4
 from splatcore.eda.cells.liberty_file import read_liberty
@@ -23,7 +24,6 @@ from splatcore.eda.cells.silicon import (
 )
 from splatcore.eda.cells.ways import fastest
 from splatcore.eda.gates import machine_gates
-from splatcore.eda.gates import ways as module
 from splatcore.eda.gates.macros import memory_size
 from splatcore.eda.gates.synth import Netlist
 from splatcore.hdl.arithmetic.add import Add

@@ -164,17 +164,15 @@ def test_parts_add_up_to_the_whole():
     about = machine_gates.examined(machine_gates.whole(hierarchy))
     assert about["faults"] == []
     work = machine_gates.pieces(hierarchy)
-    assert {part for part, _ in work} == set(PARTS)
-    found = {part.name: machine_gates.flip_flops_before(piece) for part, piece in work}
-    times = Counter(part.name for part, _ in work)
+    assert {piece.part for piece in work} == set(PARTS)
+    found = {each.part.name: machine_gates.flip_flops_before(each.netlist) for each in work}
+    times = Counter(piece.part.name for piece in work)
     assert times["blend"] == times["evaluate"] == TINY.rasterizers and times["chunk"] == 1
     counted = sum(count * times[name] for name, count in found.items())
     assert counted == about["flip_flops_before"] > 20_000
-    texts = {part.name: set() for part in PARTS}
-    for part, piece in work:
-        texts[part.name].add(piece.text)
-    assert len(texts["blend"]) == len(texts["sub_sorter"]) == 1
-    held = [memory for _, piece in work for memory in piece.memories]
+    texts = Counter(name for name, _ in {(each.part.name, each.netlist.text) for each in work})
+    assert texts["blend"] == texts["sub_sorter"] == 1
+    held = [memory for piece in work for memory in piece.netlist.memories]
     assert Counter(held) == Counter(machine_gates.whole(hierarchy).memories)
 
 

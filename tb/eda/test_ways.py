@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from splatcore.eda.cells import ways as module
 from splatcore.eda.cells.static_timing import Path
 from splatcore.eda.cells.ways import ALONE_FO4, LONG_FO4, innermost, parts_of, settled
-from splatcore.eda.gates import ways as module
 
 NETLISTS = {path: SimpleNamespace(text=path) for path in ("", "a", "a.b", "c")}
 
