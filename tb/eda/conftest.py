@@ -1,10 +1,16 @@
-"""Fixtures: the small cell library; the register files of machines of all kinds."""
+"""Fixtures: the small cell library; register files of all machines; the Verilog of TINY."""
+
+from pathlib import Path
 
 import pytest
 
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.deliver.register_files import DRIVER, FILES, write_register_files
+from splatcore.eda.deliver.verilog import write_top
+from splatcore.sim.common.cache import kept_folder
+from splatcore.sim.common.sources import code_key
 from splatcore.spec.config import TINY
+from tb.helpers.command import run
 from tb.helpers.liberty import small_library
 from tb.helpers.ports import MAPS
 
@@ -41,3 +47,13 @@ def files(request, register_files):
 @pytest.fixture
 def tiny_files(register_files):
     return register_files[TINY]
+
+
+@pytest.fixture(scope="session")
+def tiny_rtl() -> Path:
+    """The files of `splatcore verilog --preset TINY`; written again only after a change of code."""
+
+    def written(folder: Path):
+        assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
+
+    return kept_folder("tiny", [code_key(write_top), code_key(run), TINY], written) / "rtl"

@@ -14,7 +14,7 @@ from splatcore.eda.deliver.names import readable, without_source
 from splatcore.eda.deliver.verilog import Names, lint, stage_source, write_top
 from splatcore.hdl.points.place import Place
 from splatcore.spec.config import TINY
-from tb.helpers.command import ROOT, check_refused, run
+from tb.helpers.command import ROOT, check_refused
 from tb.helpers.runs import needs_icarus
 
 NETS = re.compile(r"^  (?:wire|reg) (?:\[\S+\] )?(\S+)", re.M)
@@ -114,24 +114,27 @@ def test_prefixes_must_be_identifiers(capsys):
         check_refused(capsys, f"verilog -o none --prefix={name}", "is not a Verilog identifier")
 
 
-@pytest.fixture(scope="module")
-def delivered(tmp_path_factory) -> Path:
-    """A folder with `rtl/`, written by `splatcore verilog`."""
-    folder = tmp_path_factory.mktemp("flow")
-    assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
-    return folder
+@pytest.fixture
+def delivered(tiny_rtl, tmp_path) -> Path:
+    """A folder with a copy of TINY's files in `rtl/`."""
+    shutil.copytree(tiny_rtl, tmp_path / "rtl")
+    return tmp_path
+
+
+def at_prompt(folder: Path, script: str) -> subprocess.CompletedProcess:
+    """Run a script in a folder, with FuseSoC on the path."""
+    variables = {k: v for k, v in os.environ.items() if k != "VERILATOR_ROOT"}
+    variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), variables["PATH"]])
+    return subprocess.run(
+        ["bash", "-ec", script], cwd=folder, env=variables, capture_output=True, text=True
+    )
 
 
 def flow(folder: Path, target: str) -> subprocess.CompletedProcess:
     """Run the commands of docs/integration.md for a FuseSoC target."""
     text = (ROOT / "docs" / "integration.md").read_text()
     (block,) = re.findall(r"^```sh\n(root=.*?)^```", text, re.M | re.S)
-    variables = {k: v for k, v in os.environ.items() if k != "VERILATOR_ROOT"}
-    variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), variables["PATH"]])
-    return subprocess.run(
-        ["bash", "-ec", block.replace("lint", target)],
-        cwd=folder, env=variables, capture_output=True, text=True,
-    )  # fmt: skip
+    return at_prompt(folder, block.replace("lint", target))
 
 
 @pytest.mark.slow
@@ -144,27 +147,22 @@ def test_fusesoc_lint(delivered):
 @needs_icarus
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", [False, True])
-def test_fusesoc_sim(delivered, tmp_path, fault):
+def test_fusesoc_sim(delivered, fault):
     """The testbench passes in Icarus, and fails if it expects another ID."""
-    folder = Path(shutil.copytree(delivered / "rtl", tmp_path / "rtl")).parent
     if fault:
-        bench = folder / "rtl" / "splatcore_testbench.v"
+        bench = delivered / "rtl" / "splatcore_testbench.v"
         text = bench.read_text()
         bench.write_text(text.replace("32'h544c5053", "32'h544c5054"))
         assert bench.read_text() != text
-    done = flow(folder, "sim")
+    done = flow(delivered, "sim")
     assert (done.returncode == 0) == (not fault), done.stdout + done.stderr
     assert ("splatcore_testbench: passed" in done.stdout + done.stderr) == (not fault)
 
 
 @pytest.mark.slow
-def test_fusesoc_targets(delivered):
+@pytest.mark.parametrize("target", ["default --tool icarus", "synth"])
+def test_fusesoc_targets(delivered, target):
     """All files that the core file names exist, for every target."""
-    for target in ("default --tool icarus", "synth"):
-        words = ["fusesoc", "--cores-root", "rtl", "run", "--setup", "--target"]
-        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        done = subprocess.run(
-            [*words, *target.split(), "splatcore"],
-            cwd=delivered, env=os.environ | {"PATH": path}, capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
+    words = f"fusesoc --cores-root rtl run --setup --target {target} splatcore"
+    done = at_prompt(delivered, words)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -9,12 +9,7 @@ import pytest
 
 from splatcore.eda.gates.machine_gates import part_around
 from splatcore.eda.power import activity, cells
-from splatcore.eda.power.activity import (
-    Accesses,
-    Activity,
-    counts_of,
-    read_counts,
-)
+from splatcore.eda.power.activity import Accesses, Activity, counts_of, read_counts
 from splatcore.eda.power.estimate import CLOCK_HZ, estimate, gates_of
 from splatcore.eda.power.saif import Net, duration, nets
 from splatcore.eda.power.tables import lines, report, table

@@ -4,6 +4,7 @@ import csv
 import re
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ from splatcore.eda.deliver.verilog import NAMES, WAIVERS, lint, stage_source, wr
 from splatcore.eda.gates import machine_gates
 from splatcore.eda.gates.machine_gates import PARTS, Size, faults, synthesise_machine
 from splatcore.eda.gates.macros import Macros, module
-from splatcore.eda.gates.synth import DEPTH_MAX, depth, gates, memories
+from splatcore.eda.gates.synth import DEPTH_MAX, SPEED, Netlist, memories
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES, WHOLE
@@ -46,6 +47,13 @@ module unsound(input [3:0] i, output reg latch, output loop, output reg twice, o
   assign none = nothing & i[0];
 endmodule
 """
+
+
+@pytest.fixture(scope="module")
+def netlist():
+    """Netlist of a part of `DEFAULT` by name, elaborated once."""
+    return cache(lambda name: Netlist.of((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT)))
+
 
 SIZES = {n: getattr(TINY, n) for n in config.SIZES if n != "sh_degree"}  # of TINY
 
@@ -111,21 +119,18 @@ def test_source_has_a_header():
 
 
 @pytest.mark.slow
-def test_the_machine_is_clean(tmp_path):
+def test_the_machine_is_clean(tiny_rtl):
     """The whole machine: lint, latches, loops, drivers, names, list of memories, constraints."""
-    paths = write_top(TINY, tmp_path)
-    names = {path.name for path in paths}
+    names = {path.name for path in tiny_rtl.iterdir()}
     assert {"splatcore.core", "splatcore.sdc", "memories.csv", WAIVERS.name} < names
-    sources = [tmp_path / name for name in NAMES.sources]
+    sources = [tiny_rtl / name for name in NAMES.sources]
     assert lint(NAMES.top, *sources) == []
     assert faults(NAMES.top, *sources) == []
     text = "".join(path.read_text() for path in sources)
     modules = re.findall(r"^module (\w+)", text, re.M)
     assert len(set(modules)) == len(modules) and all(m.startswith("splatcore_") for m in modules)
-    rows = list(csv.DictReader((tmp_path / "memories.csv").open()))
-    listed = Counter(
-        {(int(row["words"]), int(row["bits"])): len(row["instances"].split()) for row in rows}
-    )
+    rows = list(csv.DictReader((tiny_rtl / "memories.csv").open()))
+    listed = Counter({(int(row["words"]), int(row["bits"])): int(row["count"]) for row in rows})
     assert all(int(row["count"]) == len(row["instances"].split()) for row in rows)
     expected = [size for parts in WHOLE.values() for make in parts for size in memories(make(TINY))]
     assert listed == Counter(expected)
@@ -133,7 +138,7 @@ def test_the_machine_is_clean(tmp_path):
         assert f"module {row['module']} (" in text
         assert len(re.findall(rf"^  {row['module']} ", text, re.M)) == int(row["count"])
     ports = re.findall(r"^  (?:in|out)put (?:\[\S+\] )?(\w+);", text, re.M)
-    constraints = (tmp_path / "splatcore.sdc").read_text()
+    constraints = (tiny_rtl / "splatcore.sdc").read_text()
     assert "period 1.25 " in constraints and set(re.findall(r"\w_axi__\w+", constraints)) < {*ports}
 
 
@@ -215,33 +220,33 @@ def test_memory_modules_act_as_amaranth_s(fault):
         assert np.array_equal(result.outputs["o"], rows)
 
 
-def with_slow_marked(names: tuple[str, ...], *parts: str) -> list:
-    """Parts as parameters; the named ones take minutes and run in `make verify`."""
-    marks = pytest.mark.verify
-    return [pytest.param(name, marks=marks) if name in names else name for name in parts]
-
-
-SLOW = (
-    "points", "project", "setup", "sub_sorter", "merge", "mark", "bin", "prepare", "place"
-)  # fmt: skip
-
 FLAT = [name for name in STAGES if name not in LARGE]  # stages that are synthesised whole
 
+SLOW = ("points", "project"), (
+    "points", "project", "setup", "sub_sorter", "merge", "mark", "bin", "prepare", "place"
+)  # fmt: skip
+"""Parts that take minutes for the depth; for the gates, mapped a second time."""
+
+
+def marked(slow: tuple[str, ...], *parts: str) -> list:
+    """Parts as parameters; the slow ones run in `make verify`."""
+    return [pytest.param(name, marks=[pytest.mark.verify] * (name in slow)) for name in parts]
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", with_slow_marked(("points", "project"), *FLAT, *DEEP, *CONTROL))
-def test_no_path_is_too_deep(name):
+@pytest.mark.parametrize("name", marked(SLOW[0], *FLAT, *DEEP, *CONTROL))
+def test_no_path_is_too_deep(name, netlist):
     """No part is deeper than DEPTH_MAX; `points` contains all stages that work on points."""
-    assert depth((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT)) <= DEPTH_MAX
+    assert netlist(name).mapped(SPEED)["depth"] <= DEPTH_MAX
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", with_slow_marked(SLOW, *FLAT, *DEEP))
-def test_speed_costs_few_gates(name):
+@pytest.mark.parametrize("name", marked(SLOW[1], *FLAT, *DEEP))
+def test_speed_costs_few_gates(name, netlist):
     """Synthesis for speed takes at most 10 % more gates, 15 % in the large parts."""
-    found = gates((STAGES | PRIMITIVES)[name](DEFAULT))
+    found = netlist(name).gates()
     least, most = (0.95, 1.15) if name in DEEP else (1, 1.1)
-    assert least * found.nand2 < found.speed_nand2 < most * found.nand2
+    assert least * found["nand2"] < found["speed_nand2"] < most * found["nand2"]
 
 
 @pytest.mark.slow

@@ -51,10 +51,7 @@ def test_another_part_on_the_way(monkeypatch):
     first, second = {"small": 49, "mid": 50, "large": 44}, {"small": 46.0, "mid": 46.0, "large": 44}
 
     def longest(pieces):
-        found = [
-            path(first[pieces["c"]], "c.i", "a.b.o"),
-            path(second[pieces["a"]], "c.i", "a.o"),
-        ]
+        found = [path(first[pieces["c"]], "c.i", "a.b.o"), path(second[pieces["a"]], "c.i", "a.o")]
         return max(found, key=lambda each: each.time)
 
     pieces, _ = settle(monkeypatch, longest)
