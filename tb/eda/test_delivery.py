@@ -17,64 +17,18 @@ from splatcore.spec.config import TINY
 from tb.helpers.command import ROOT, check_refused
 from tb.helpers.runs import needs_icarus
 
+HERE = Path(__file__).parent
+
 NETS = re.compile(r"^  (?:wire|reg) (?:\[\S+\] )?(\S+)", re.M)
 
 WIDE = replace(TINY, name="WIDE", port=256)
 
-PAIR = """\
-module pair(input clk, input rst, output one, output other);
-  left_top left(.clk(clk), .rst(rst), .interrupt(one));
-  right_top right(.clk(clk), .rst(rst), .interrupt(other));
-endmodule
-"""
-
-GENERATED = """\
-module top(a, b);
-  (* src = "/home/x/hdl/left.py:3" *)
-  wire \\$1 ;
-  wire \\$2 ;
-  wire \\$3 ;
-  wire [3:0] \\b$4.low ;
-  wire \\$5 ;
-  reg \\begin ;
-  reg b_4__low;
-  wire \\$6 ;
-  wire c_next;
-  assign \\$1  = a & (* src = "/home/x/lib/site-packages/amaranth/right.py:7|/x/y.py:8" *) \\$3 ;
-  assign \\$2  = \\b$4.low [3];
-  assign \\$5  = 1'h0;
-  always @(posedge clk)
-    \\begin  <= \\$3 ;
-    c <= \\$6 ;
-endmodule
-"""
-
-NAMED = """\
-module top(a, b);
-  (* src = "hdl/left.py:3" *)
-  wire right_py_7_1 ;
-  wire b_4__low_3_2 ;
-  wire begin__next ;
-  wire [3:0] b_4__low_ ;
-  wire net_5 ;
-  reg begin_ ;
-  reg b_4__low;
-  wire net_6 ;
-  wire c_next;
-  assign right_py_7_1  = a & (* src = "amaranth/right.py:7|y.py:8" *) begin__next ;
-  assign b_4__low_3_2  = b_4__low_ [3];
-  assign net_5  = 1'h0;
-  always @(posedge clk)
-    begin_  <= begin__next ;
-    c <= net_6 ;
-endmodule
-"""
-
 
 def test_each_kind_of_name():
     """Names from a source line, a slice, a register's next value; keywords and used names."""
-    assert readable(GENERATED) == NAMED
-    assert "(*" not in without_source(NAMED) and without_source(NAMED).count("\n") == 17
+    generated, named = ((HERE / name).read_text() for name in ("generated.v", "readable.v"))
+    assert readable(generated) == named
+    assert "(*" not in without_source(named) and without_source(named).count("\n") == 17
 
 
 def test_names_of_a_stage():
@@ -101,8 +55,7 @@ def test_two_machines_in_one_design(tmp_path):
         folder = tmp_path / names.prefix
         write_top(config, folder, names)
         sources += [folder / name for name in names.sources]
-    (tmp_path / "pair.v").write_text(PAIR)
-    lines = lint("pair", tmp_path / "pair.v", *sources)
+    lines = lint("pair", HERE / "pair.v", *sources)
     assert all("PINMISSING" in line for line in lines if line.startswith("%Warning")), lines
     assert all("warning(s)" in line for line in lines if line.startswith("%Error")), lines
     modules = re.findall(r"^module (\w+)", "".join(path.read_text() for path in sources), re.M)

@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,29 +25,10 @@ from splatcore.spec import config
 from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
 from tb.helpers.command import run
 
+HERE = Path(__file__).parent
+
 DEEP = ("sub_sorter", "merge", "prepare", "setup", "mark", "evaluate", "lane")
 """Parts of the stages that take too long to synthesise whole."""
-
-FAULTY = """\
-module faulty(input clk, input [3:0] i, output reg [3:0] o, output p);
-  always @* if (i[0]) o = i;
-endmodule
-"""
-
-UNSOUND = """\
-module inner(input a, output b);
-  assign b = ~a;
-endmodule
-module unsound(input [3:0] i, output reg latch, output loop, output reg twice, output none);
-  wire there, nothing;
-  always @* if (i[0]) latch = i[1];
-  inner one(there, loop);
-  inner two(loop, there);
-  always @* twice = i[2];
-  always @* twice = i[3];
-  assign none = nothing & i[0];
-endmodule
-"""
 
 
 @pytest.fixture(scope="module")
@@ -86,16 +68,14 @@ def test_blocks_are_clean(machine, tmp_path):
         assert lint(path.stem, path) == []
 
 
-def test_lint_finds_faults(tmp_path):
-    (tmp_path / "faulty.v").write_text(FAULTY)
-    found = "\n".join(lint("faulty", tmp_path / "faulty.v"))
+def test_lint_finds_faults():
+    found = "\n".join(lint("faulty", HERE / "faulty.v"))
     assert "LATCH" in found and "UNDRIVEN" in found
 
 
 @pytest.mark.slow
-def test_faults_are_found(tmp_path):
-    (tmp_path / "unsound.v").write_text(UNSOUND)
-    found = "\n".join(faults("unsound", tmp_path / "unsound.v"))
+def test_faults_are_found():
+    found = "\n".join(faults("unsound", HERE / "unsound.v"))
     for fault in ("latch ", "logic loop", "conflicting drivers", "nothing is used but has no"):
         assert fault in found
     assert len(found.splitlines()) == 4
