@@ -11,15 +11,7 @@ from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.common.sources import code_key
 from splatcore.spec.config import TINY
 from tb.helpers.command import run
-from tb.helpers.liberty import small_library
 from tb.helpers.ports import MAPS
-
-
-@pytest.fixture(scope="session")
-def liberty_path(tmp_path_factory):
-    file = tmp_path_factory.mktemp("liberty") / "small.lib"
-    file.write_text(small_library())
-    return file
 
 
 @pytest.fixture(scope="session")
