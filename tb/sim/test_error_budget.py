@@ -17,6 +17,7 @@ from splatcore.sim.common.picture import read_png
 from splatcore.sim.common.source import View
 from splatcore.sim.packing import choose
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.convention import Faint
 from tb.helpers.command import ROOT, load, run
 
 VIEW = View("garden", size="128x72", quality="faithful")
@@ -127,7 +128,7 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
         codes = features | {"opacity": features["opacity"] + 1}
         return rasterize(config, codes, *arguments, **options)
 
-    monkeypatch.setattr(budgets, "faint_rule", lambda config: (0.5, 2.0**-6, 2.0**-4))
+    monkeypatch.setattr(budgets, "faint_rule", lambda config: Faint(0.5, 2.0**-6, 2.0**-4))
     rule = squares(exact, points)
     assert [name for name in MACHINE if rule[name] != before[name]] == ["too faint"]
     assert rule["too faint"] > 5 * before["too faint"] > 0
