@@ -121,10 +121,8 @@ TERMS = (
 
 DIRECTION = """
 # the unit vector from the camera
-length0 = ray_x * ray_x
-length1 = ray_y * ray_y + length0
-length2 = ray_z * ray_z + length1
-length_inverse = rsqrt(length2)
+length_squared = ray_x * ray_x + ray_y * ray_y + ray_z * ray_z
+length_inverse = rsqrt(length_squared)
 x = ray_x * length_inverse
 y = ray_y * length_inverse
 z = ray_z * length_inverse

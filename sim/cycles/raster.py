@@ -19,7 +19,7 @@ from splatcore.hdl.raster.setup import Setup
 from splatcore.spec.config import Config
 from splatcore.spec.raster import BLOCKS, block_count, nth_block, owned, owner
 
-BLOCKS_A_TILE, TILES_MAX = BLOCKS**2, 16  # of a tile; of a group
+BLOCKS_A_TILE = BLOCKS**2
 
 # Cycles from the registers and states of stage 3.
 PAIR_LATENCY = 22  # from a splat's arrival to its first pair being marked
@@ -186,7 +186,7 @@ def pass_splats(first, end, ended, pace, far, work, state):
         entered = max(entered + 1, left[splats % SPLATS_INSIDE])
         taken[k % len(taken)] = entered
         dead, pair = True, work.first[k]
-        for tile in range(TILES_MAX):
+        for tile in range(len(state.visited) // BLOCKS_A_TILE):
             if not work.mask[k] >> tile & 1:
                 continue
             found = work.blocks[pair]

@@ -107,9 +107,8 @@ def test_levels_leave_blocks_out():
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     faint, own = (render(config, model, camera).raster.counts for config in (DEFAULT, OFF))
     assert faint["visited"] < 0.95 * own["visited"]
-    assert (
-        len(mark_min(DEFAULT)) == 1 + DEFAULT.faint.ends - RULE_OF.dark and len(mark_min(OFF)) == 1
-    )
+    rule = DEFAULT.faint
+    assert len(mark_min(DEFAULT)) == 1 + rule.ends - rule.dark and len(mark_min(OFF)) == 1
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcore.golden.exact import encode
 from splatcore.golden.blend import around_block, twice_highest
+from splatcore.golden.exact import encode
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.setup import Quadratic, prepare, quadratic
 from splatcore.spec import raster
