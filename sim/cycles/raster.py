@@ -113,22 +113,8 @@ class Raster:
 
     def end(self) -> float:
         """End the group; the cycle in which the previous group's last block was emitted."""
-        self.clock["marked"] += 1
-        every = self.rasterizers
-        ends = np.maximum(self.clock["marked"] + QUEUE_LATENCY, every["free"])
-        for rasterizer, at in zip(every, ends, strict=True):
-            idle(rasterizer, at)
-        ends += every["owed"]
-        gone = np.where(every["owed"] > 0, ends, every["gone"])
-        every["gone"] = np.maximum(gone, self.state.room.max())
-        ends = np.maximum(ends, every["gone"] + WRITE_LATENCY)  # none is in flight any more
-        self.clock["end"] = ends.max()
-        every["free"] = np.maximum(every["free"] + TURN, ends + END_TURN)
-        every["owed"], self.state.visited[:] = self.group_blocks, False
-        every["begun"][np.arange(len(every)), every["count"] % PAIRS_HELD] = every["free"]
-        every["count"] += 1
         self.number += 1
-        return every["gone"].max()
+        return end_group(self.group_blocks, self.state)
 
 
 def order(config: Config) -> np.ndarray:
@@ -167,14 +153,36 @@ def idle(rasterizer, until):
 
 
 @njit(cache=True)
+def end_group(blocks, state):
+    """End a group: each rasterizer owes its blocks; the cycle of the previous group's last one."""
+    clock, room = state.clock[0], state.room.max()
+    clock.marked += 1
+    clock.end = gone = 0.0
+    for r in range(len(state.rasterizers)):
+        one = state.rasterizers[r]
+        end = max(clock.marked + QUEUE_LATENCY, one.free)
+        idle(one, end)
+        end += one.owed
+        one.gone = max(end if one.owed > 0 else one.gone, room)
+        end = max(end, one.gone + WRITE_LATENCY)  # none is in flight any more
+        one.free = max(one.free + TURN, end + END_TURN)
+        one.owed, one.begun[one.count % PAIRS_HELD] = blocks, one.free
+        one.count += 1
+        clock.end, gone = max(clock.end, end), max(gone, one.gone)
+    state.visited[:] = False
+    return gone
+
+
+@njit(cache=True)
 def pass_splats(first, end, ended, pace, far, work, state):
     """Trace a group's entries first … end through the queues.
 
     ended: first entry after which all tiles have ended
     pace, far: as in `Raster.entries`
     """
-    clock, taken, left = state.clock[0], state.taken, state.left
-    entered, marked, merged, splats = clock.entered, clock.marked, clock.merged, state.splats[0]
+    clock, taken, left, splats = state.clock[0], state.taken, state.left, state.splats[0]
+    entered, marked, merged = clock.entered, clock.marked, clock.merged
+    masks, blocks, places, owners = work
     for k in range(first, end):
         if pace > 0:
             if k == ended:
@@ -185,16 +193,16 @@ def pass_splats(first, end, ended, pace, far, work, state):
             entered = max(entered, merged + far - 1)
         entered = max(entered + 1, left[splats % SPLATS_INSIDE])
         taken[k % len(taken)] = entered
-        dead, pair = True, work.first[k]
-        for tile in range(len(state.visited) // BLOCKS_A_TILE):
-            if not work.mask[k] >> tile & 1:
-                continue
-            found = work.blocks[pair]
-            pair += 1
-            if found >= 0:
-                dead = False
-                marked = max(marked + 1, entered + PAIR_LATENCY)
-                marked = _deal(found, tile, marked, work.owners, state)
+        dead, pair, tile, mask = True, places[k], 0, masks[k]
+        while mask >> tile:
+            if mask >> tile & 1:
+                found = blocks[pair]
+                pair += 1
+                if found >= 0:
+                    dead = False
+                    marked = max(marked + 1, entered + PAIR_LATENCY)
+                    marked = _deal(found, tile, marked, owners, state)
+            tile += 1
         if not dead:
             left[splats % SPLATS_INSIDE] = marked - MARK_LATENCY
             splats += 1
@@ -214,12 +222,13 @@ def live_end(first, end, work):
 @njit(cache=True)
 def _deal(found, tile, marked, owners, state):
     """Push a pair to the rasterizers that own its blocks; the cycle in which all had room."""
+    every, visited, room = state.rasterizers, state.visited, state.room
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
-            one = state.rasterizers[owners[block]]
+            one = every[owners[block]]
             marked = max(marked, one.begun[one.count % PAIRS_HELD])
-    for r in range(len(state.rasterizers)):
-        one, some = state.rasterizers[r], False
+    for r in range(len(every)):
+        one, some = every[r], False
         time = max(marked + QUEUE_LATENCY, one.free)
         for block in range(BLOCKS_A_TILE):
             if owners[block] != r or not found >> block & 1:
@@ -228,7 +237,7 @@ def _deal(found, tile, marked, owners, state):
                 idle(one, time)
             some = True
             if found >> BLOCKS_A_TILE + block & 1:
-                time = _visit(one, tile * BLOCKS_A_TILE + block, time, state)
+                time = _visit(one, tile * BLOCKS_A_TILE + block, time, visited, room)
             time += 1
         if some:
             one.free = one.begun[one.count % PAIRS_HELD] = time
@@ -237,17 +246,18 @@ def _deal(found, tile, marked, owners, state):
 
 
 @njit(cache=True)
-def _visit(one, name, time, state):
+def _visit(one, block, time, visited, room):
     """Issue a block to a rasterizer's lanes; the cycle in which it enters them."""
-    if one.owed > 0 and not state.visited[name]:
-        state.visited[name] = True
-        time = max(time, state.room[name])
+    if one.owed > 0 and not visited[block]:
+        visited[block] = True
+        time = max(time, room[block])
         one.owed -= 1
         one.gone = time
+    last, lanes = one.last, one.lanes
     for back in range(BUSY):
-        if one.last[back] == name:
-            time = max(time, one.lanes[back] + BUSY)
+        if last[back] == block:
+            time = max(time, lanes[back] + BUSY)
     for back in range(BUSY - 1, 0, -1):
-        one.last[back], one.lanes[back] = one.last[back - 1], one.lanes[back - 1]
-    one.last[0], one.lanes[0] = name, time
+        last[back], lanes[back] = last[back - 1], lanes[back - 1]
+    last[0], lanes[0] = block, time
     return time
