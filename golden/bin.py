@@ -30,20 +30,13 @@ PAGE_MAX = (1 << PAGE_BITS) - 1
 
 @dataclass(frozen=True, eq=False)
 class Lists:
-    """The list memory of a frame.
+    """The list memory of a frame."""
 
-    address: [B] bursts' addresses in list memory, in bursts, in the order of writing
-    slots: [B, burst] uint64, their entries
-    page: [G] first page of each group, 0 if its list is empty
-    count: [G] entries of each group
-    needed: pages that the lists need, even if memory has fewer
-    """
-
-    address: np.ndarray
-    slots: np.ndarray
-    page: np.ndarray
-    count: np.ndarray
-    needed: int
+    address: np.ndarray  # [B] bursts' addresses in list memory, in bursts, in the order of writing
+    slots: np.ndarray  # [B, burst] uint64, their entries
+    page: np.ndarray  # [G] first page of each group, 0 if its list is empty
+    count: np.ndarray  # [G] entries of each group
+    needed: int  # pages that the lists need, even if memory has fewer
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,16 +43,11 @@ GROUPS_PER_CHUNK = 8
 
 
 class Entries(NamedTuple):
-    """Sorted entries of groups: group g has the entries start[g] … start[g + 1] − 1.
+    """Sorted entries of groups: group g has the entries start[g] … start[g + 1] − 1."""
 
-    start: [groups + 1] first entry of each group
-    splat: [N] the splat's number
-    mask: [N] tiles of the group that it reaches
-    """
-
-    start: np.ndarray
-    splat: np.ndarray
-    mask: np.ndarray
+    start: np.ndarray  # [groups + 1] first entry of each group
+    splat: np.ndarray  # [N] the splat's number
+    mask: np.ndarray  # [N] tiles of the group that it reaches
 
     def of(self, groups: np.ndarray) -> "Entries":
         """Return the entries of some groups, renumbered from 0."""

@@ -58,15 +58,12 @@ class Splats:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A rendered frame.
-
-    counts: amounts of work by name, see `docs/json.md`
-    """
+    """A rendered frame."""
 
     image: np.ndarray  # [H, W, 3] linear RGB, not clipped
     transmittance: np.ndarray  # [H, W] weight of the background
     tile_list: np.ndarray  # [⌈H/16⌉, ⌈W/16⌉] splats in each tile's list
-    counts: dict[str, int | float]
+    counts: dict[str, int | float]  # amounts of work by name, see `docs/json.md`
 
     @property
     def pixels(self) -> np.ndarray:

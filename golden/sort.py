@@ -36,16 +36,11 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """A round of dealing.
+    """A round of dealing."""
 
-    area: area of scratch memory
-    kept: indices that each bucket keeps, in the list's order
-    jobs: jobs that the round outputs
-    """
-
-    area: int
-    kept: list[np.ndarray]
-    jobs: list[Job] = field(default_factory=list)
+    area: int  # area of scratch memory
+    kept: list[np.ndarray]  # indices that each bucket keeps, in the list's order
+    jobs: list[Job] = field(default_factory=list)  # jobs that the round outputs
 
 
 @dataclass

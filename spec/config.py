@@ -29,16 +29,11 @@ FAINT = Faint(dark=4, taken=11, ends=8)
 
 @dataclass(frozen=True)
 class Size:
-    """Limits of a size.
+    """Limits of a size."""
 
-    low: smallest value
-    high: largest value, if limited
-    power: only powers of two are allowed
-    """
-
-    low: int
-    high: int | None = None
-    power: bool = False
+    low: int  # smallest value
+    high: int | None = None  # largest value, if limited
+    power: bool = False  # only powers of two are allowed
 
 
 @dataclass(frozen=True)

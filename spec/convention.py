@@ -56,16 +56,11 @@ exact: every pixel with alpha ≥ `alpha_min`
 
 
 class Faint(NamedTuple):
-    """The faintness rule: thresholds of the transmittance T (`spec.raster`).
+    """The faintness rule: thresholds of the transmittance T (`spec.raster`)."""
 
-    dark: below it, splats that take too little are skipped
-    taken: a splat that takes less from a pixel below `dark` is skipped, and T stays
-    ends: a splat that would leave less takes all of T, and the pixel ends
-    """
-
-    dark: float
-    taken: float
-    ends: float
+    dark: float  # below it, splats that take too little are skipped
+    taken: float  # a splat that takes less from a pixel below `dark` is skipped, and T stays
+    ends: float  # a splat that would leave less takes all of T, and the pixel ends
 
 
 @dataclass(frozen=True)

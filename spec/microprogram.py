@@ -127,14 +127,11 @@ def _step(name: str, right: str) -> Step | None:
 
 @dataclass(frozen=True)
 class Program:
-    """A program's steps and names.
-
-    outputs: names of the values that it returns
-    """
+    """A program's steps and names."""
 
     name: str
     steps: tuple[Step, ...]
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # names of the values that it returns
 
     @property
     def made(self) -> set[str]:

@@ -109,17 +109,13 @@ WIDE = 1 << 16
 
 @dataclass(frozen=True)
 class Register:
-    """One register.
-
-    about: its meaning, for the documentation and the C and SystemRDL files
-    value: the value that it always reads as, if constant
-    """
+    """One register."""
 
     name: str
     width: int
     access: Access
-    about: str
-    value: int | None = None
+    about: str  # its meaning, for the documentation and the C and SystemRDL files
+    value: int | None = None  # the value that it always reads as, if constant
 
     @property
     def reset(self) -> int | None:
