@@ -38,26 +38,17 @@ class Size:
 
 @dataclass(frozen=True)
 class Format:
-    """Number of bits of one number of stage 3.
+    """Number of bits of one number of stage 3."""
 
-    limits: minimum and maximum number of bits with which it is built
-    tried: values that a sweep tries in addition to DEFAULT's
-    coarse, fine: values of a machine with all formats narrower, or all wider
-    parts: parts of the hardware that grow with each bit
-    bounds: the width may not exceed the sum of these fields, plus `beyond`
-    in_features: also the width of the stored feature
-    in_work: changes when pixels terminate
-    """
-
-    limits: tuple[int, int]
-    tried: tuple[int, ...]
-    coarse: int
-    fine: int
-    parts: tuple[str, ...] = ("lane",)
-    bounds: tuple[str, ...] = ()
+    limits: tuple[int, int]  # minimum and maximum number of bits with which it is built
+    tried: tuple[int, ...]  # values that a sweep tries in addition to DEFAULT's
+    coarse: int  # value of a machine with all formats narrower
+    fine: int  # value of a machine with all formats wider
+    parts: tuple[str, ...] = ("lane",)  # parts of the hardware that grow with each bit
+    bounds: tuple[str, ...] = ()  # the width may not exceed the sum of these fields, plus `beyond`
     beyond: int = 0
-    in_features: bool = False
-    in_work: bool = False
+    in_features: bool = False  # also the width of the stored feature
+    in_work: bool = False  # changes when pixels terminate
 
 
 def size(default: int, low: int, high: int | None = None, power: bool = False) -> Any:
