@@ -71,7 +71,7 @@ def constants(config: Config, background, mark_all: bool, rounded: bool) -> Mach
     levels["above"][:-1] = [1 << bits - rule.dark - k for k in range(len(least) - 1)]
     return Machine(
         group=config.group,
-        owners=np.array([owner(config, block)[0] for block in range(BLOCKS**2)]),
+        owners=np.array([owner(config, block) for block in range(BLOCKS**2)]),
         fraction=config.exponent_fraction,
         levels=levels,
         coarser=config.exponent_fraction + 2 - pixel,

@@ -262,15 +262,12 @@ def faint_rule(config: Config) -> Faint | None:
     return Faint(*(2.0**-places for places in config.faint)) if config.faint else None
 
 
-def owner(config: Config, block: int) -> tuple[int, int]:
-    """Return the rasterizer of a tile's block, and the block's number there. Neighbours go to
-    different rasterizers, so that a small splat keeps several of them busy.
+def owner(config: Config, block: int) -> int:
+    """Return the rasterizer of a tile's block. Neighbours go to different rasterizers, so that a
+    small splat keeps several of them busy.
     """
-    row, column = divmod(block, BLOCKS)
-    columns = span_blocks(config)
-    rows = config.rasterizers // columns
-    number = row // rows * (BLOCKS // columns) + column // columns
-    return (column + row) % columns + columns * (row % rows), number
+    (row, column), columns = divmod(block, BLOCKS), span_blocks(config)
+    return (column + row) % columns + columns * (row % (config.rasterizers // columns))
 
 
 def block_count(config: Config) -> int:
@@ -280,8 +277,7 @@ def block_count(config: Config) -> int:
 
 def owned(config: Config, rasterizer: int) -> list[int]:
     """Return a rasterizer's blocks of a tile, in the order of their numbers there."""
-    pairs = [(owner(config, block), block) for block in range(BLOCKS**2)]
-    return [block for (owning, _), block in sorted(pairs) if owning == rasterizer]
+    return [block for block in range(BLOCKS**2) if owner(config, block) == rasterizer]
 
 
 def span_blocks(config: Config) -> int:

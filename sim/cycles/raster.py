@@ -79,7 +79,7 @@ class Raster:
     def __init__(self, config: Config, frame: Frame):
         mask, blocks = frame.sorted.mask.astype(np.int64), BLOCKS_A_TILE * config.group**2
         first = np.concatenate([[0], np.cumsum(np.bitwise_count(mask), dtype=np.int64)])
-        owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
+        owners = np.array([owner(config, block) for block in range(BLOCKS_A_TILE)])
         self.work = Work(mask, frame.raster.blocks, first, owners)
         self.start, self.group_blocks = frame.start, block_count(config)
         self.number = self.at = self.live_end = 0
