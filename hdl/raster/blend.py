@@ -205,9 +205,8 @@ class Blend(wiring.Component):
             acts, ends = Signal(name=f"acts_{pixel}"), Signal(name=f"ends_{pixel}")
             after = Signal.like(lane.rest)
             faint, last = Const(0), lane.rest
-            if config.faint:
-                from_, below, _ = config.faint
-                faint = ~lane.rest[bits - from_ :].any() & ~taken[bits - below :].any()
+            if rule := config.faint:
+                faint = ~lane.rest[bits - rule.dark :].any() & ~taken[bits - rule.taken :].any()
                 last = Const(0)
             m.d.comb += [
                 taken.eq((lane.product >> config.power_mantissa) >> lane.halvings),
@@ -221,7 +220,7 @@ class Blend(wiring.Component):
             less = Mux(before.rest, 0, after[coarser:])
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
-                bright[k] |= after[bits - config.faint[0] - k :].any() & ~ended[pixel]
+                bright[k] |= after[bits - config.faint.dark - k :].any() & ~ended[pixel]
         blended = valid & before.blends & ~before.rest
         m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]

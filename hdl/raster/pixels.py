@@ -170,7 +170,7 @@ class Pixels(wiring.Component):
         number = Cat(part[: exact_log2(spans)], row)
         for k in range(self.span):
             owners = [
-                owner(self.config, row * BLOCKS + span * self.span + k)[0]
+                owner(self.config, row * BLOCKS + span * self.span + k)
                 for row in range(BLOCKS)
                 for span in range(spans)
             ]

@@ -9,7 +9,7 @@ import pytest
 from splatcore.golden.bin import splat_codes
 from splatcore.golden.exact import as_packed, entries_of, features_of
 from splatcore.golden.pipeline import render as render_golden
-from splatcore.golden.raster import WORK, Entries, rasterize
+from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import project, render
 from splatcore.golden.sort import sort
 from splatcore.hdl.raster.prepare import Prepare
@@ -167,7 +167,7 @@ def test_counters(count):
     assert counters["pairs"] == golden["pairs"] == np.bitwise_count(entries.mask).sum()
     assert counters["empty"] == golden["far"] + golden["empty"] > 0
     for number in range(TINY.rasterizers):
-        blended = run.golden.work[:, number, WORK.index("visited")].sum()
+        blended = run.golden.work["visited"][:, number].sum()
         assert counters[f"blended{number}"] == blended
         assert blended < counters[f"waited{number}"] < run.result.cycles
     assert counters["blocked"] == 0

@@ -253,10 +253,7 @@ def compare_tiles(
     ellipses = ellipses or Ellipses.of(config, frame.splats)
     splats = np.arange(len(frame)) if splats is None else splats
     width, height = frame.width, frame.height
-    exact = touched(
-        ellipses.centre, ellipses.conic, ellipses.reach, ellipses.boxes(width, height),
-        width, height, exact=True,
-    )  # fmt: skip
+    exact = touched(ellipses, ellipses.boxes(width, height), width, height, exact=True)
     columns = -(-width // TILE)
     tile = np.repeat(np.arange(len(exact.start) - 1), np.diff(exact.start))
     splat, row, column = found_tiles(config, frame, found)

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatcore.golden.blend import around_block, twice_highest
 from splatcore.golden.exact import encode
-from splatcore.golden.raster import Entries, plane, rasterize
-from splatcore.golden.setup import prepare, quadratic
+from splatcore.golden.raster import Entries, rasterize
+from splatcore.golden.setup import Quadratic, prepare, quadratic
 from splatcore.spec import raster
 from splatcore.spec.colour import unscaled_colour_format
 from splatcore.spec.config import TINY
@@ -108,7 +109,7 @@ class Pairs:
         end = features["end"][index] == 1
         coefficients, far = np.zeros((len(index), 6), np.int64), np.zeros(len(index), np.uint64)
         for k, (splat, x, y) in enumerate(zip(index, column, row, strict=True)):
-            near = quadratic(numbers[splat], x, y, TINY.exponent_fraction, coefficients[k])
+            coefficients[k], near = quadratic(numbers[splat], x, y, TINY.exponent_fraction)
             far[k] = not near
         splats = prepared_codes(TINY, features["splat"])
         pairs = {"splat": {name: codes[index] for name, codes in splats.items()}}
@@ -155,8 +156,7 @@ class Pairs:
                 continue
             for block in range(raster.BLOCKS**2):
                 q, p = (raster.STEPS[place] for place in divmod(block, raster.BLOCKS))
-                centre, slope_x, slope_y = plane(coefficients, p, q)
-                most = 2 * centre + 3 * (abs(slope_x) + abs(slope_y))
+                most = twice_highest(around_block(Quadratic(*coefficients), p, q))
                 for level, least in enumerate(raster.mark_min(TINY)):
                     found[k, level] |= np.uint64(int(most >= 2 * least) << block)
         return found
@@ -181,8 +181,7 @@ def exactly_reached(pairs: Pairs) -> Pairs:
     limit = 1 << raster.EXPONENT_INTEGER + TINY.exponent_fraction
     for k, coefficients in enumerate(found):
         p, q = rng.choice(raster.STEPS, 2)
-        centre, slope_x, slope_y = plane(coefficients, p, q)
-        most = 2 * centre + 3 * (abs(slope_x) + abs(slope_y))
+        most = twice_highest(around_block(Quadratic(*coefficients), p, q))
         least = rng.choice(raster.mark_min(TINY))
         e = coefficients[0] + (2 * least - most >> 1) + k % 3 - 1
         found[k, 0] = np.clip(e, -limit, limit - 1)

@@ -90,8 +90,8 @@ def opaque_features(config: Config, count: int, size: tuple[int, int]) -> Codes:
 def prepared_codes(config: Config, features: Codes) -> Codes:
     """Codes of `prepared_record` for codes of features."""
     numbers, codes = prepare(config, features), {}
-    for column, (name, format) in enumerate(raster.prepared_record(config).fields):
-        values = numbers[:, column] - (raster.SHIFT_MIN if format == raster.SHIFT else 0)
+    for name, format in raster.prepared_record(config).fields:
+        values = numbers[name] - (raster.SHIFT_MIN if format == raster.SHIFT else 0)
         codes[name] = (values & ((1 << format.width) - 1)).astype(np.uint64)
     return codes
 
