@@ -11,7 +11,7 @@ from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import count_events, counters_layout
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue, Register, Slot, Stage, passes
 from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
@@ -69,14 +69,14 @@ class Bin(wiring.Component):
         self.outline, self.rows = Outline(config), Rows(config)
         self.gather, self.lists = Gather(config), ListWriter(config)
         ports = {
-            "i": In(stream.Signature(layout(point.splat_record(config)))),
+            "i": In(stream_of(point.splat_record(config))),
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
             "pages": In(PAGE_BITS),
             "finish": In(1),
-            "features": Out(stream.Signature(layout(feature_record(config)))),
-            "bursts": Out(stream.Signature(layout(burst_record(config)))),
-            "groups": Out(stream.Signature(layout(group_record()))),
+            "features": Out(stream_of(feature_record(config))),
+            "bursts": Out(stream_of(burst_record(config))),
+            "groups": Out(stream_of(group_record())),
             "needed": Out(PAGE_BITS),
             "exceeded": Out(1),
             "done": Out(1),

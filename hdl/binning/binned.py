@@ -1,11 +1,11 @@
 """Writes the results of binning to memory: features, list pages, and the table of groups."""
 
 from amaranth.hdl import Cat, Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.holds import enough
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.memory.write_combiner import WriteCombiner
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, write_record
@@ -43,9 +43,9 @@ class Binned(wiring.Component):
         enough(8 * FEATURE, feature_record(config).width, "FEATURE, bits of a splat's features")
         ports = {
             "clear": In(1),
-            "features": In(stream.Signature(layout(feature_record(config)))),
-            "bursts": In(stream.Signature(layout(burst_record(config)))),
-            "groups": In(stream.Signature(layout(group_record()))),
+            "features": In(stream_of(feature_record(config))),
+            "bursts": In(stream_of(burst_record(config))),
+            "groups": In(stream_of(group_record())),
             "features_at": In(BEAT_ADDRESS_BITS),
             "lists_at": In(BEAT_ADDRESS_BITS),
             "groups_at": In(BEAT_ADDRESS_BITS),
@@ -53,7 +53,7 @@ class Binned(wiring.Component):
             "exceeded": Out(1),
             "finish": In(1),
             "empty": Out(1),
-            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
+            "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
         }
         super().__init__(ports)
 

@@ -1,12 +1,12 @@
 """Binning, last step: writes the groups' entries to linked lists in memory, in bursts."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib import data, enum, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import plus_one
 from splatcore.spec import binning
 from splatcore.spec.config import Config
@@ -72,12 +72,12 @@ class ListWriter(wiring.Component):
             }
         )
         ports = {
-            "i": In(stream.Signature(layout(binning.bin_entry_record(config)))),
+            "i": In(stream_of(binning.bin_entry_record(config))),
             "groups_count": In(range(self.count + 1)),
             "pages": In(binning.PAGE_BITS),
             "finish": In(1),
-            "bursts": Out(stream.Signature(layout(binning.burst_record(config)))),
-            "groups": Out(stream.Signature(layout(binning.group_record()))),
+            "bursts": Out(stream_of(binning.burst_record(config))),
+            "groups": Out(stream_of(binning.group_record())),
             "needed": Out(binning.PAGE_BITS),
             "exceeded": Out(1),
             "empty": Out(1),

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import bits_for
 
 from splatcore.hdl.arithmetic.float import Unpack
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.shift import leading_zeros
 from splatcore.spec.binning import (
     FACTOR_FRACTION,
@@ -91,7 +91,7 @@ class Outline(wiring.Component):
         widest = max(self.bits, FACTOR_FRACTION + 1)
         self.before = max(0, widest - self.format.fraction - 1)
         ports = {
-            "i": In(stream.Signature(layout(splat_record(config)))),
+            "i": In(stream_of(splat_record(config))),
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
             "room": In(1),

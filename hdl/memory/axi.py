@@ -7,7 +7,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.bus import axi, fixed
@@ -93,7 +93,7 @@ class Axi(wiring.Component):
         write = layout(spec.write_record(config))
         ports = {
             "m_axi": Out(axi(config)),
-            "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
+            "reads": In(stream_of(spec.read_record())).array(len(spec.READERS)),
             "data": Out(stream.Signature(read_beat(config))).array(len(spec.READERS)),
             "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
             "favoured": In(len(HALVES)),

@@ -7,7 +7,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import holds, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Stage, passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import (
@@ -75,7 +75,7 @@ class Fetch(wiring.Component):
         self.size = Signal(range(self.burst + 1), reset_less=True)
         ports = {
             "i": In(stream.Signature(self.range)),
-            "reads": Out(stream.Signature(layout(read_record()))),
+            "reads": Out(stream_of(read_record())),
             "data": In(stream.Signature(read_beat(config))),
             "o": Out(stream.Signature(config.port)),
         }

@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import read_record
 from splatcore.spec.config import Config
@@ -26,7 +26,7 @@ class Share(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        request = stream.Signature(layout(read_record()))
+        request = stream_of(read_record())
         beat = stream.Signature(read_beat(config))
         ports = {"i": In(request).array(READERS), "o": Out(beat).array(READERS)}
         super().__init__(ports | {"reads": Out(request), "data": In(beat)})

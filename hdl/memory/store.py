@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, port_beats, write_record
 from splatcore.spec.config import Config
@@ -29,7 +29,7 @@ class Store(wiring.Component):
         item = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "data": beats * DATA_BITS})
         ports = {
             "i": In(stream.Signature(item)),
-            "writes": Out(stream.Signature(layout(write_record(config)))),
+            "writes": Out(stream_of(write_record(config))),
         }
         super().__init__(ports)
 

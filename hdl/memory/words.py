@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import DATA_BITS, port_beats, read_record
@@ -40,9 +40,9 @@ class Words(wiring.Component):
         self.burst = data.StructLayout({"upper": 1, "left": range(most), "kept": 1})
         self.waiting = Queue(self.burst, BURSTS_WAITING)
         ports = {
-            "i": In(stream.Signature(layout(read_record()))),
+            "i": In(stream_of(read_record())),
             "o": Out(stream.Signature(DATA_BITS)),
-            "reads": Out(stream.Signature(layout(read_record()))),
+            "reads": Out(stream_of(read_record())),
             "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports)

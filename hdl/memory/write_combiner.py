@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, LINE_BEATS, write_record
 from splatcore.spec.config import Config
@@ -41,7 +41,7 @@ class WriteCombiner(wiring.Component):
         ports = {
             "i": In(stream.Signature(slot)),
             "flush": In(1),
-            "writes": Out(stream.Signature(layout(write_record(config)))),
+            "writes": Out(stream_of(write_record(config))),
             "empty": Out(1),
         }
         super().__init__(ports)

@@ -15,14 +15,10 @@ from splatcore.hdl.arithmetic.add import MultiplyAdd
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.hdl.points.compensation import Fade, Log, LogSum, Minor, Product
+from splatcore.hdl.points.state import codes
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import COMPENSATION_UNITS, Program
 from splatcore.spec.schedule import Place, latencies, pes, schedule
-
-
-def codes(config: Config, names: tuple[str, ...]) -> data.StructLayout:
-    """Layout with a float of `Config.arithmetic` for each name."""
-    return data.StructLayout({name: config.arithmetic.width for name in names})
 
 
 class Array(wiring.Component):

@@ -1,23 +1,22 @@
 """Front of stage 0: values that a chunk's points share, and skipping of chunks out of view."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import same_fields, stream_of
 from splatcore.hdl.lib.stream import judged
-from splatcore.hdl.points.array import Array, codes
-from splatcore.spec import frame, microprogram, programs
+from splatcore.hdl.points.array import Array
+from splatcore.hdl.points.state import ModelState, frame_state
+from splatcore.spec import microprogram, programs
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
 from splatcore.spec.point import (
     AWAY,
     BEATS_BITS,
-    EXPONENT,
-    GAUSSIAN_BITS,
     NUMBER_BITS,
     PLACE_BITS,
     chunk_record,
@@ -48,9 +47,9 @@ class Chunk(wiring.Component):
 
     Members:
         i: in, stream of `CHUNK_HEADER`, in the order of the model
-        gaussians: in, number of Gaussians in the model, at least 1; with the last chunk a frame
-            ends, and the next header belongs to chunk 0
-        camera, position_exponent, near_plane, constants: in, registers of the model and the frame
+        frame: in, its registers
+        model: in, its registers; with the last chunk a frame ends, and the next header belongs to
+            chunk 0
         o: out, stream of `chunk_record`
         taken: out, a header is done, kept or skipped, high for one cycle
 
@@ -61,13 +60,10 @@ class Chunk(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.program = config, microprogram.program("chunk")
         ports = {
-            "i": In(stream.Signature(layout(CHUNK_HEADER))),
-            "gaussians": In(GAUSSIAN_BITS),
-            "camera": In(data.ArrayLayout(signed(frame.CAMERA.width), 3)),
-            "position_exponent": In(signed(EXPONENT.width)),
-            "near_plane": In(config.arithmetic.width),
-            "constants": In(codes(config, self.program.constants)),
-            "o": Out(stream.Signature(layout(chunk_record(config)))),
+            "i": In(stream_of(CHUNK_HEADER)),
+            "frame": In(frame_state(config)),
+            "model": In(ModelState),
+            "o": Out(stream_of(chunk_record(config))),
             "taken": Out(1),
         }
         super().__init__(ports)
@@ -98,13 +94,13 @@ class Chunk(wiring.Component):
         converted = step[-1]
         high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # the converter outputs a high end
         origin = _chosen(low_ends | high_ends, header.origin).as_signed()
-        eye = _chosen(low_ends | high_ends, self.camera).as_signed()
+        eye = _chosen(low_ends | high_ends, self.frame.camera).as_signed()
         # The largest offset with this extent is below the smallest offset with the next extent.
         end = (_chosen(high_ends, header.extent) + high_ends.any()) << EXTENT_SHIFT
         span = (end << _chosen(high_ends, header.shift))[: AWAY.width]
         m.d.sync += way.eq(origin + span - eye)
         m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
-        m.d.comb += convert.scale.eq(self.position_exponent)
+        m.d.comb += convert.scale.eq(self.model.position_exponent)
         values = [
             Signal(format.width, name=f"{end}_{axis}", reset_less=True)
             for end in ("low", "high")
@@ -133,22 +129,23 @@ class Chunk(wiring.Component):
         m.d.comb += [reach.i.eq(self.i.payload.reach), reach.enable.eq(1)]
         m.d.comb += [fields.chunk_reach.eq(reach.o), self.array.i.valid.eq(converted & ~inside)]
         for name, (constant, side) in programs.CORNERS.items():
-            falls, axis = self.constants[constant][-1], int(name[-1])
+            falls, axis = self.frame.constants[constant][-1], int(name[-1])
             least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
             m.d.comb += fields[name].eq(least if side == "least" else most)
         with m.If(self.array.i.valid & self.array.i.ready):
             m.d.sync += inside.eq(1)
         with m.If(self.taken):
             m.d.sync += inside.eq(0)
-        m.d.comb += self.array.constants.eq(self.constants)
+        m.d.comb += same_fields(self.array.constants, self.frame.constants)
 
     def _give(self, m: Module):
         """Decide whether to keep the chunk, and pass it on."""
         header, found, payload = self.i.payload, self.array.o.payload.outputs, self.o.payload
         kept, known = judged(m, self.array.o, self._kept(m, found))
-        last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
-        whole = self.number != self.gaussians[CHUNK.bit_length() - 1 :]
-        count = Mux(whole, CHUNK, self.gaussians[: CHUNK.bit_length() - 1])
+        gaussians = self.model.gaussians
+        last = self.number == (gaussians - 1)[CHUNK.bit_length() - 1 :]
+        whole = self.number != gaussians[CHUNK.bit_length() - 1 :]
+        count = Mux(whole, CHUNK, gaussians[: CHUNK.bit_length() - 1])
         m.d.comb += [
             self.o.valid.eq(known & kept),
             self.array.o.ready.eq(known & (self.o.ready | ~kept)),
@@ -183,7 +180,7 @@ class Chunk(wiring.Component):
         """
         if self.config.position != "chunk" or self.config.culling == "none":
             return Value.cast(1)
-        pairs = {"front": (self.near_plane, found.z_high)}
+        pairs = {"front": (self.frame.near_plane, found.z_high)}
         for axis in "xy" if self.config.culling == "all" else "":
             far, high = found[f"far_{axis}"], found[f"{axis}_high"]
             pairs[f"{axis}_low"] = (found[f"{axis}_low"], far)

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import WRITING, Binned
-from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, layout
+from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, stream_of
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.window import client_windows
 from splatcore.hdl.points.check import Check
@@ -61,9 +61,9 @@ class Preprocess(wiring.Component):
             "start": In(1),
             "frame": In(frame_layout(config)),
             "area": In(AREA),
-            "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+            "reads": Out(stream_of(read_record())).array(len(READING)),
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
-            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
+            "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
             "settled": In(1),
             "done": Out(1),
             "taken": In(1),
@@ -106,23 +106,21 @@ class Preprocess(wiring.Component):
         """Registers of the frame and of the model to the parts that use them."""
         frame, points, config = self.frame, self.points, self.config
         fixed = fixed_constants(config)
-        for name in points.constants.shape().members:
+        for name in points.frame.constants.shape().members:
             if name in MODEL_CONSTANTS:
-                code = Mux(getattr(self.model, name), int(config.arithmetic.encode(1.0)), 0)
+                code = Mux(self.model.model[name], int(config.arithmetic.encode(1.0)), 0)
             elif name in fixed:
                 code = Const(int(config.arithmetic.encode(fixed[name])), config.arithmetic.width)
             else:
                 code = frame[f"constant_{name}"]
-            m.d.comb += points.constants[name].eq(code)
+            m.d.comb += points.frame.constants[name].eq(code)
         for k, axis in enumerate("xyz"):
             low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]
-            m.d.comb += points.camera[k].eq(Cat(low, high))
-        for name in ("gaussians", "position_exponent", *points.project.tables):
-            if name != "write":
-                m.d.comb += getattr(points, name).eq(getattr(self.model, name))
+            m.d.comb += points.frame.camera[k].eq(Cat(low, high))
         m.d.comb += [
-            self.model.model.eq(frame.model[BEAT_BITS:]),
-            points.near_plane.eq(frame.near_plane),
+            self.model.model_at.eq(frame.model[BEAT_BITS:]),
+            points.model.eq(self.model.model),
+            points.frame.near_plane.eq(frame.near_plane),
             self.bin.width.eq(frame.width),
             self.bin.height.eq(frame.height),
             self.bin.pages.eq(frame.lists_pages),

@@ -7,12 +7,12 @@ from amaranth.lib.wiring import In, Out, connect
 
 from splatcore.hdl.arithmetic.convert import Convert
 from splatcore.hdl.lib.holds import holds, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue, Register
-from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.codebook import FACTOR_BITS, INDEX_BITS
 from splatcore.hdl.points.colour import BEATS, RAY, RAYS, STEPS
 from splatcore.hdl.points.small import expanded
+from splatcore.hdl.points.state import ModelState, codes
 from splatcore.spec.colour import BASIS, LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.depth import low_format
@@ -51,8 +51,7 @@ class Slots(wiring.Component):
         found: out, the parts read, one cycle later; held until the next reading
         beat: out, only if `Config.colours` is not `array`: {valid, address, word}, a beat behind a
             Gaussian's first, and its address in `hdl.points.colour`
-        small: in, only if `Config.small_models`: the model has half a beat of attributes per
-            Gaussian; stable for a frame; the beat of two neighbours is requested once
+        model: in, its registers; the beat of two neighbours in a small model is requested once
 
     **Timing**: one point per cycle; no multiplier; memories of `Config.projection_slots` words.
     """
@@ -63,12 +62,13 @@ class Slots(wiring.Component):
         self.slot = range(config.projection_slots)
         reading = data.StructLayout({"slot": self.slot, "enable": 1})
         ports = {
-            "i": In(stream.Signature(layout(point_record(config, "x y z")))),
-            "chunks": In(stream.Signature(layout(projecting_record()))),
-            "wanted": Out(stream.Signature(layout(WANTED))),
+            "i": In(stream_of(point_record(config, "x y z"))),
+            "chunks": In(stream_of(projecting_record())),
+            "wanted": Out(stream_of(WANTED)),
             "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
             "ready": Out(stream.Signature(self.slot)),
             "release": In(1),
+            "model": In(ModelState),
             "read": In(data.StructLayout(dict.fromkeys(self.parts, reading))),
             "found": Out(data.StructLayout(self.parts)),
         }
@@ -76,8 +76,6 @@ class Slots(wiring.Component):
             address = range(BEATS * config.projection_slots)
             line = {"valid": 1, "address": address, "word": ATTRIBUTE_BITS}
             ports["beat"] = Out(data.StructLayout(line))
-        if config.small_models:
-            ports["small"] = In(1)
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -143,7 +141,7 @@ class Slots(wiring.Component):
         before = sum(Mux(count[k], place << k, 0) for k in range(len(count)))
         first = chunk.attributes + before
         if self.config.small_models:
-            first = Mux(self.small, first >> 1, first)
+            first = Mux(self.model.small, first >> 1, first)
         m.d.comb += [wanted.beat.eq(first), wanted.count.eq(count)]
 
     def _again(self, m: Module, push: Value) -> Value:
@@ -155,7 +153,7 @@ class Slots(wiring.Component):
             m.d.sync += begun.eq(0)
         with m.Elif(push):
             m.d.sync += [begun.eq(1), asked.eq(point.place[1:])]
-        return self.small & begun & (asked == point.place[1:])
+        return self.model.small & begun & (asked == point.place[1:])
 
     def _waiting(self, m: Module, push: Value, again: Value) -> Register | None:
         """Expected beats of the waiting Gaussians; None if all are alike."""
@@ -189,7 +187,7 @@ class Slots(wiring.Component):
         with m.If(taken & ~of.again):
             m.d.sync += high.eq(whole[SMALL_BITS:])
         half = Mux(of.again, high, Mux(of.upper, whole[SMALL_BITS:], whole[:SMALL_BITS]))
-        return Mux(self.small, expanded(half), whole)
+        return Mux(self.model.small, expanded(half), whole)
 
     def _beats(
         self, m: Module, waits: Register, taken: Value, filled: Value

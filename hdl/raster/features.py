@@ -7,7 +7,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Register, passes, soon
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec import group, raster
@@ -41,12 +41,12 @@ class Features(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(group.sorted_record(config)))),
-            "o": Out(stream.Signature(layout(raster.featured_record(config)))),
+            "i": In(stream_of(group.sorted_record(config))),
+            "o": Out(stream_of(raster.featured_record(config))),
             "features_at": In(BEAT_ADDRESS_BITS),
             "live": In(config.group**2),
             "stop": Out(1),
-            "reads": Out(stream.Signature(layout(read_record()))),
+            "reads": Out(stream_of(read_record())),
             "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports)

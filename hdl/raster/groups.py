@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Fork, Queue, Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack
@@ -86,19 +86,19 @@ class Groups(wiring.Component):
 
     def __init__(self, config: Config):
         self.config = config
-        position = Out(stream.Signature(layout(position_record(config))))
+        position = Out(stream_of(position_record(config)))
         ports = {
             "start": In(1),
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
             "groups_at": In(BEAT_ADDRESS_BITS),
-            "lists": Out(stream.Signature(layout(group_record()))),
+            "lists": Out(stream_of(group_record())),
             "positions": position,
             "pixels": position,
             "empty": position,
             "groups": Out(range(groups_max(config) + 1)),
             "busy": Out(1),
-            "reads": Out(stream.Signature(layout(read_record()))),
+            "reads": Out(stream_of(read_record())),
             "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports)

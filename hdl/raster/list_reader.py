@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
@@ -53,9 +53,9 @@ class ListReader(wiring.Component):
         ports = {
             "lists_at": In(BEAT_ADDRESS_BITS),
             "scratch_at": In(BEAT_ADDRESS_BITS),
-            "i": In(stream.Signature(layout(listed_record()))),
-            "o": Out(stream.Signature(layout(entry_record(config)))),
-            "reads": Out(stream.Signature(layout(read_record()))),
+            "i": In(stream_of(listed_record())),
+            "o": Out(stream_of(entry_record(config))),
+            "reads": Out(stream_of(read_record())),
             "data": In(stream.Signature(read_beat(config))),
         }
         super().__init__(ports | ({"in_scratch": Out(1)} if window_bits(config) else {}))

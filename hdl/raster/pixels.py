@@ -3,12 +3,12 @@
 from itertools import pairwise
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Register, passes
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import (
@@ -75,8 +75,8 @@ class Pixels(wiring.Component):
         self.row = self.span * ROW_BITS // 8  # bytes of a row of a span
         # Bytes left to the next span.
         self.kept = self.row % port_bytes(config) if spans_meet(config) else 0
-        pixels = In(stream.Signature(layout(pixels_record(config)))).array(config.rasterizers)
-        position = In(stream.Signature(layout(position_record(config))))
+        pixels = In(stream_of(pixels_record(config))).array(config.rasterizers)
+        position = In(stream_of(position_record(config)))
         ports = {
             "start": In(1),
             "width": In(range(config.side_max + 1)),
@@ -90,7 +90,7 @@ class Pixels(wiring.Component):
             "i": pixels,
             "plain": Out(1),
             "through": Out(1),
-            "writes": Out(stream.Signature(layout(write_record(config)))),
+            "writes": Out(stream_of(write_record(config))),
         }
         super().__init__(ports)
 

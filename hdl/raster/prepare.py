@@ -1,11 +1,11 @@
 """Stage 3, first step: converts a splat's features to the integers that setup works with."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.latency import Pipeline
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Pipe
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
@@ -76,8 +76,8 @@ class Prepare(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(featured_record(config)))),
-            "o": Out(stream.Signature(layout(readied_record(config)))),
+            "i": In(stream_of(featured_record(config))),
+            "o": Out(stream_of(readied_record(config))),
         }
         super().__init__(ports)
 

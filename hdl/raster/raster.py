@@ -1,13 +1,13 @@
 """Stage 3 connected: the sorted splats of each group to 8-bit pixels."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.credit import within
 from splatcore.hdl.lib.holds import enough, keeps
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
 from splatcore.hdl.raster.mark import Mark
@@ -42,10 +42,10 @@ class Expand(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(raster.readied_record(config)))),
-            "positions": In(stream.Signature(layout(raster.position_record(config)))),
+            "i": In(stream_of(raster.readied_record(config))),
+            "positions": In(stream_of(raster.position_record(config))),
             "live": In(config.group**2),
-            "o": Out(stream.Signature(layout(raster.pair_record(config)))),
+            "o": Out(stream_of(raster.pair_record(config))),
         }
         super().__init__(ports)
 
@@ -118,12 +118,10 @@ class Raster(wiring.Component):
         self.dropped = Signal()
         self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
         self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
-        pixels = Out(stream.Signature(layout(raster.pixels_record(config)))).array(
-            config.rasterizers
-        )
+        pixels = Out(stream_of(raster.pixels_record(config))).array(config.rasterizers)
         ports = {
-            "i": In(stream.Signature(layout(raster.featured_record(config)))),
-            "positions": In(stream.Signature(layout(raster.position_record(config)))),
+            "i": In(stream_of(raster.featured_record(config))),
+            "positions": In(stream_of(raster.position_record(config))),
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
             "background": In(layout(Record("colour", raster.colours(config)))),

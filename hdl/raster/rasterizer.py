@@ -7,12 +7,12 @@ it, because the lanes reset it then, or one after the other, when the lanes are 
 from collections.abc import Sequence
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.latency import Pipeline
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded, lowest, several
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
@@ -66,8 +66,8 @@ class Rasterizer(wiring.Component):
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Finished(config)
         ports = {
-            "i": In(stream.Signature(layout(pair))),
-            "positions": In(stream.Signature(layout(raster.position_record(config)))),
+            "i": In(stream_of(pair)),
+            "positions": In(stream_of(raster.position_record(config))),
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
             "background": In(layout(Record("colour", raster.colours(config)))),
@@ -75,7 +75,7 @@ class Rasterizer(wiring.Component):
             "group": Out(raster.GROUP_BITS, init=-1),
             "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
             "level": Out(data.ArrayLayout(len(self.own), self.tiles)).array(self.levels),
-            "o": Out(stream.Signature(layout(raster.pixels_record(config)))),
+            "o": Out(stream_of(raster.pixels_record(config))),
             "blended": Out(1),
             "waited": Out(1),
         }

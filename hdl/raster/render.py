@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.record import AREA, layout
+from splatcore.hdl.lib.record import AREA, layout, stream_of
 from splatcore.hdl.lib.stream import Slot
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
@@ -88,9 +88,9 @@ class Render(wiring.Component):
         ports = {
             "start": In(1),
             "job": In(job_layout(config)),
-            "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+            "reads": Out(stream_of(read_record())).array(len(READING)),
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
-            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
+            "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
             "settled": In(len(WRITING)),
             "patient": Out(len(WRITING)),
             "done": Out(1),

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, index_bits, ranked_record
@@ -144,8 +144,8 @@ class Cascade(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(batch_record(config)))),
-            "o": Out(stream.Signature(layout(ranked_record(config)))),
+            "i": In(stream_of(batch_record(config))),
+            "o": Out(stream_of(ranked_record(config))),
         }
         super().__init__(ports)
         self.pairs = [Pair(config, 1 << k) for k in range(index_bits(config))]

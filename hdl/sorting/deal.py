@@ -8,7 +8,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec import sort
 from splatcore.spec.binning import group_record
@@ -64,7 +64,7 @@ class Deal(wiring.Component):
             "groups": In(stream.Signature(group)),
             "reading": Out(stream.Signature(group)),
             "entries": In(stream.Signature(entry)),
-            "lines": Out(stream.Signature(layout(sort.line_record(config)))),
+            "lines": Out(stream_of(sort.line_record(config))),
             "settled": In(1),
             "jobs": Out(stream.Signature(job)),
             "lists": Out(stream.Signature(listed)),

@@ -1,11 +1,11 @@
 """Stage 2: cuts jobs into batches, has them sorted into runs, and keeps the runs in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.sorting.sorter import HALVES, Sorter
 from splatcore.hdl.sorting.subsort import any_of
 from splatcore.spec.config import Config
@@ -131,8 +131,8 @@ class Runs(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(job_record(config)))),
-            "entries": In(stream.Signature(layout(entry_record(config)))),
+            "i": In(stream_of(job_record(config))),
+            "entries": In(stream_of(entry_record(config))),
             "arrived": Out(arrived(config)).array(HALVES),
             "ranked": Out(ranked(config)).array(HALVES),
             "jobs": Out(job(config)).array(HALVES),

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.holds import enough, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.runs import Half, Runs, slot_layout
@@ -46,11 +46,11 @@ class Sort(wiring.Component):
         enough(Merge.INTERVAL, LOOK_UP, "cycles between entries, so that `room` counts each")
         entry = layout(entry_record(config))
         ports = {
-            "jobs": In(stream.Signature(layout(job_record(config)))),
+            "jobs": In(stream_of(job_record(config))),
             "entries": In(stream.Signature(entry)),
             "stop": In(1),
             "released": Out(1),
-            "o": Out(stream.Signature(layout(sorted_record(config)))),
+            "o": Out(stream_of(sorted_record(config))),
             "clear": In(1),
             "counters": Out(counters_layout(COUNTED)),
         }

@@ -7,11 +7,11 @@ all entries finds whether a candidate has it; a candidate stays if no other has 
 from collections.abc import Callable, Sequence
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, phases, ranked_record
 
@@ -98,8 +98,8 @@ class SubSorter(wiring.Component):
         self.config, self.phases = config, phases(config)
         self.entries = config.sub_sorter_entries
         ports = {
-            "i": In(stream.Signature(layout(batch_record(config)))),
-            "o": Out(stream.Signature(layout(ranked_record(config)))),
+            "i": In(stream_of(batch_record(config))),
+            "o": Out(stream_of(ranked_record(config))),
             "drop": In(1),
             "idle": Out(1),
         }
