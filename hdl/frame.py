@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout
 from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES, STRAY
 from splatcore.hdl.memory.window import area_windows
-from splatcore.hdl.raster.render import READING, WRITING, job_layout
+from splatcore.hdl.raster.job import READING, WRITING, job_layout
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
 from splatcore.spec.raster import COLOURS

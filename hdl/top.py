@@ -9,7 +9,8 @@ from splatcore.hdl.lib.counters import Counters
 from splatcore.hdl.memory.axi import HALVES, Axi
 from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.hdl.points.preprocess import Preprocess
-from splatcore.hdl.raster.render import WRITING, Render
+from splatcore.hdl.raster.job import WRITING
+from splatcore.hdl.raster.render import Render
 from splatcore.hdl.registers import Registers
 from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, window_bits
 from splatcore.spec.config import Config

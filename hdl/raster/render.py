@@ -4,22 +4,20 @@ from amaranth.hdl import Cat, Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.record import AREA, layout, stream_of
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Slot
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
-from splatcore.hdl.memory.window import area_windows, client_windows
+from splatcore.hdl.memory.window import client_windows
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
+from splatcore.hdl.raster.job import READING, WRITING, job_layout
 from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, LONG_BURST, ListReader
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.spec import record, work
 from splatcore.spec.axi import (
-    BEAT_ADDRESS_BITS,
-    BEAT_BITS,
     LINE_BEATS,
     READ_AREAS,
     WRITE_AREAS,
@@ -28,32 +26,6 @@ from splatcore.spec.axi import (
     write_record,
 )
 from splatcore.spec.config import Config
-from splatcore.spec.raster import colours
-
-READING = ("groups", "long_lists", "lists", "features")
-WRITING = ("buckets", "pixels")  # names of its readers and writers in `spec.axi`, in that order
-
-
-def job_layout(config: Config) -> data.StructLayout:
-    """Layout of a frame's parameters for this half.
-
-    Addresses and distances are in beats. `windows` (of its areas) is left out if all memory is one
-    window.
-    """
-    areas = area_windows(config, READING, WRITING)
-    windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
-    return data.StructLayout(
-        {
-            "width": range(config.side_max + 1),
-            "height": range(config.side_max + 1),
-            "background": layout(record.Record("colour", colours(config))),
-            "area": AREA,
-            "scratch": BEAT_ADDRESS_BITS,
-            "pixels": BEAT_ADDRESS_BITS,
-            "stride": work.STRIDE_BITS - BEAT_BITS,
-        }
-        | ({"windows": windows} if areas else {})
-    )
 
 
 class Render(wiring.Component):
@@ -157,7 +129,7 @@ class Render(wiring.Component):
     def _job(self, m: Module):
         """Parameters of the frame to the parts that use them."""
         job = self.job
-        for part in (self.groups, self.raster, self.pixels):
+        for part in (self.groups, self.raster):
             m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
         m.d.comb += [
             self.groups.groups_at.eq(job.area.groups),
@@ -166,10 +138,8 @@ class Render(wiring.Component):
             self.lists.scratch_at.eq(job.scratch),
             self.features.features_at.eq(job.area.features),
             self.raster.background.eq(job.background),
-            self.pixels.background.eq(job.background),
+            self.pixels.job.eq(job),
             self.pixels.groups.eq(self.groups.groups),
-            self.pixels.pixels_at.eq(job.pixels),
-            self.pixels.stride_beats.eq(job.stride),
             self.patient[WRITING.index("pixels")].eq(self.pixels.plain),
             self.counters.sort.eq(self.sort.counters),
             self.counters.raster.eq(self.raster.counters),
