@@ -44,22 +44,6 @@ class Bin(wiring.Component):
     tiles, carry that number. `spec.binning` defines the tiles that it touches and explains why none
     is missing.
 
-    Members:
-        i: in, stream of `splat_record`
-        width, height: in, of the image, pixels; stable from two cycles before the frame
-        pages: in, pages of list memory; stable from two cycles before the frame
-        finish: in, the frame's last splat has been taken; when all is written, `groups` follow,
-            then `done` stays high until `finish` is low, which begins the next frame
-        features: out, stream of `feature_record`, in the order of their numbers
-        bursts: out, stream of `burst_record`
-        groups: out, stream of `group_record`, all groups of the image in order
-        needed: out, pages that the frame takes, valid until the next frame begins
-        exceeded: out, `needed` is above `pages`: bursts in missing pages are dropped, all else goes
-            on
-        done: out, the frame is complete
-        clear: in, all counters are 0
-        counters: out, counts of `COUNTED`; `blocked` counts cycles in which an output is not taken
-
     **Timing**: one tile row, one entry or a third of a splat per cycle, whichever is slowest;
     latency about 25 from a splat to its first entry. Multipliers as in `hdl.binning.rows`.
     """
@@ -70,17 +54,23 @@ class Bin(wiring.Component):
         self.gather, self.lists = Gather(config), ListWriter(config)
         ports = {
             "i": In(stream_of(point.splat_record(config))),
+            # of the image, pixels; stable from two cycles before the frame
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
-            "pages": In(PAGE_BITS),
+            "pages": In(PAGE_BITS),  # pages of list memory; stable from two cycles before the frame
+            # the frame's last splat has been taken; when all is written, `groups` follow, then
+            # `done` stays high until `finish` is low, which begins the next frame
             "finish": In(1),
-            "features": Out(stream_of(feature_record(config))),
+            "features": Out(stream_of(feature_record(config))),  # in the order of their numbers
             "bursts": Out(stream_of(burst_record(config))),
-            "groups": Out(stream_of(group_record())),
+            "groups": Out(stream_of(group_record())),  # all groups of the image in order
+            # pages that the frame takes, valid until the next frame begins
             "needed": Out(PAGE_BITS),
+            # `needed` is above `pages`: bursts in missing pages are dropped, all else goes on
             "exceeded": Out(1),
-            "done": Out(1),
-            "clear": In(1),
+            "done": Out(1),  # the frame is complete
+            "clear": In(1),  # all counters are 0
+            # counts of `COUNTED`; `blocked` counts cycles in which an output is not taken
             "counters": Out(counters_layout(COUNTED)),
         }
         super().__init__(ports)

@@ -22,18 +22,6 @@ WRITING = ("features", "lists", "groups")
 class Binned(wiring.Component):
     """Writes a frame's work area.
 
-    Members:
-        clear: in, a frame begins
-        features: in, stream of `feature_record`
-        bursts: in, stream of `burst_record`
-        groups: in, stream of `group_record`
-        features_at, lists_at, groups_at: in, addresses of the parts of the work area, in beats
-        features_max: in, number of features for which there is room
-        exceeded: out, there were more features, which were dropped
-        finish: in, no more items come
-        empty: out, nothing is inside
-        writes: out, streams of `write_record` to memory, one for each of `WRITING`
-
     **Timing**: two features in three cycles, a burst in one cycle per beat of the port, a group in
     one cycle.
     """
@@ -42,17 +30,19 @@ class Binned(wiring.Component):
         self.config = config
         enough(8 * FEATURE, feature_record(config).width, "FEATURE, bits of a splat's features")
         ports = {
-            "clear": In(1),
+            "clear": In(1),  # a frame begins
             "features": In(stream_of(feature_record(config))),
             "bursts": In(stream_of(burst_record(config))),
             "groups": In(stream_of(group_record())),
+            # addresses of the parts of the work area, in beats
             "features_at": In(BEAT_ADDRESS_BITS),
-            "lists_at": In(BEAT_ADDRESS_BITS),
-            "groups_at": In(BEAT_ADDRESS_BITS),
-            "features_max": In(SPLAT_BITS),
-            "exceeded": Out(1),
-            "finish": In(1),
-            "empty": Out(1),
+            "lists_at": In(BEAT_ADDRESS_BITS),  # addresses of the parts of the work area, in beats
+            "groups_at": In(BEAT_ADDRESS_BITS),  # addresses of the parts of the work area, in beats
+            "features_max": In(SPLAT_BITS),  # number of features for which there is room
+            "exceeded": Out(1),  # there were more features, which were dropped
+            "finish": In(1),  # no more items come
+            "empty": Out(1),  # nothing is inside
+            # to memory, one for each of `WRITING`
             "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
         }
         super().__init__(ports)

@@ -38,14 +38,6 @@ class Fetch(wiring.Component):
         burst: beats of the machine per burst
         marks: whether ranges have a mark
 
-    Members:
-        i: in, stream of `range_record`
-        reads: out, stream of `read_record`, to the memory port
-        data: in, stream of `read_beat`, from the memory port
-        o: out, stream of beats of the port
-        marks: in, only if `marks`: mark of the range at `i`
-        marked: out, only if `marks`: mark of the burst at `reads`
-
     Internal:
         rest, sized, size: rest of the range; a burst waits to be requested; its beats
 
@@ -75,12 +67,15 @@ class Fetch(wiring.Component):
         self.size = Signal(range(self.burst + 1), reset_less=True)
         ports = {
             "i": In(stream.Signature(self.range)),
-            "reads": Out(stream_of(read_record())),
-            "data": In(stream.Signature(read_beat(config))),
-            "o": Out(stream.Signature(config.port)),
+            "reads": Out(stream_of(read_record())),  # to the memory port
+            "data": In(stream.Signature(read_beat(config))),  # from the memory port
+            "o": Out(stream.Signature(config.port)),  # beats of the port
         }
         self.has_marks = marks
-        super().__init__(ports | ({"marks": In(1), "marked": Out(1)} if marks else {}))
+        if marks:
+            ports["marks"] = In(1)  # mark of the range at `i`
+            ports["marked"] = Out(1)  # mark of the burst at `reads`
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -149,12 +144,6 @@ class Unpack(wiring.Component):
         slot: bits per slot
         ranges: number of ranges that may wait for their beats
 
-    Members:
-        counts: in, stream of the number of slots of each range, at least 1; the rest of a range's
-            last beat is dropped
-        beats: in, stream of the ranges' beats
-        o: out, stream of slots
-
     **Timing**: one slot per cycle, latency 0 from a beat. A path from `o.ready` to `beats.ready`.
     """
 
@@ -164,9 +153,11 @@ class Unpack(wiring.Component):
         self.slot = slot
         self.counts_waiting = Queue(count_bits, ranges) if ranges > 1 else Stage(count_bits)
         ports = {
+            # the number of slots of each range, at least 1; the rest of a range's last beat is
+            # dropped
             "counts": In(stream.Signature(count_bits)),
-            "beats": In(stream.Signature(config.port)),
-            "o": Out(stream.Signature(slot)),
+            "beats": In(stream.Signature(config.port)),  # the ranges' beats
+            "o": Out(stream.Signature(slot)),  # slots
         }
         super().__init__(ports)
 
@@ -198,19 +189,18 @@ class FetchBeats(wiring.Component):
     """Reads ranges of beats; returns the machine's beats in order: `Fetch`, and `Unpack` if the
     port's beats are wider.
 
-    Members:
-        i: in, stream of `range_record`
-        reads: out, stream of `read_record`, to the memory port
-        data: in, stream of `read_beat`, from the memory port
-        o: out, stream of beats of the machine
-
     **Timing**: as `Fetch`.
     """
 
     def __init__(self, config: Config, depth: int, count_bits: int):
         self.config, self.fetch = config, Fetch(config, depth, count_bits)
-        ports = dict(self.fetch.signature.members)
-        super().__init__(ports | {"o": Out(stream.Signature(DATA_BITS))})
+        ports = {
+            "i": In(stream_of(range_record(count_bits))),
+            "reads": Out(stream_of(read_record())),  # to the memory port
+            "data": In(stream.Signature(read_beat(config))),  # from the memory port
+            "o": Out(stream.Signature(DATA_BITS)),  # beats of the machine
+        }
+        super().__init__(ports)
         self.count_bits = count_bits
 
     def elaborate(self, platform) -> Module:

@@ -17,10 +17,6 @@ class Store(wiring.Component):
     Parameters:
         beats: beats of the machine per item
 
-    Members:
-        i: in, stream of {beat, data}: an item and its address in beats, a multiple of its beats
-        writes: out, stream of `write_record`
-
     **Timing**: one beat of the port per cycle, latency 0. A path from `writes.ready` to `i.ready`.
     """
 
@@ -28,6 +24,7 @@ class Store(wiring.Component):
         self.config, self.beats = config, beats
         item = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "data": beats * DATA_BITS})
         ports = {
+            # {beat, data}: an item and its address in beats, a multiple of its beats
             "i": In(stream.Signature(item)),
             "writes": Out(stream_of(write_record(config))),
         }

@@ -32,19 +32,18 @@ class Check(wiring.Component):
     except the model ends within 4 GiB: the table of groups of the largest image, list pages and
     features of both work areas, scratch memory, all rows of the image.
 
-    Members:
-        frame: in, `frame_layout`, the registers
-        error: out, `ErrorCode`, NONE if the frame is valid
-        detail: out, detail of the error
-
     **Timing**: `LATENCY` cycles. One multiplier of HEIGHT's and STRIDE's bits for the image's end,
     and one of the numbers of groups along both sides.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        ports = {"frame": In(frame_layout(config)), "error": Out(CODE_BITS)}
-        super().__init__(ports | {"detail": Out(DETAIL_BITS)})
+        ports = {
+            "frame": In(frame_layout(config)),  # the registers
+            "error": Out(CODE_BITS),  # `ErrorCode`, NONE if the frame is valid
+            "detail": Out(DETAIL_BITS),  # detail of the error
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -45,14 +45,6 @@ class Chunk(wiring.Component):
     band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
     bounds; then no chunk is skipped.
 
-    Members:
-        i: in, stream of `CHUNK_HEADER`, in the order of the model
-        frame: in, its registers
-        model: in, its registers; with the last chunk a frame ends, and the next header belongs to
-            chunk 0
-        o: out, stream of `chunk_record`
-        taken: out, a header is done, kept or skipped, high for one cycle
-
     **Timing**: one PE; a header every `plan.length` + 15 cycles (`DEFAULT`: 38, while the points of
     a full chunk take 1024). One header at a time, so its numbers need not be carried along.
     """
@@ -60,11 +52,12 @@ class Chunk(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.program = config, microprogram.program("chunk")
         ports = {
-            "i": In(stream_of(CHUNK_HEADER)),
+            "i": In(stream_of(CHUNK_HEADER)),  # in the order of the model
             "frame": In(frame_state(config)),
+            # with the last chunk a frame ends, and the next header belongs to chunk 0
             "model": In(ModelState),
             "o": Out(stream_of(chunk_record(config))),
-            "taken": Out(1),
+            "taken": Out(1),  # a header is done, kept or skipped, high for one cycle
         }
         super().__init__(ports)
 

@@ -61,23 +61,6 @@ class Codebook(wiring.Component):
     colour stages first. If colours are not made in the array (`Config.colours`), the memory also
     holds beats of harmonics of models in steps.
 
-    Members:
-        write: in, stream of {address, word}, words of the memory, always taken
-        start: in, an item begins; at least `interval` cycles after the previous one
-        index: in, bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
-        colour: out, integers, sums of the colour entries `latency` cycles after the start; they
-            stay for the next cycle, and longer if items are farther apart than `interval`; without
-            codebooks the item's base in steps
-        model: in, its registers
-        g: out, only if the machine has harmonics: sums of the elements of G, row by row, held as
-            long as `colour`; valid if the model has harmonics
-        beat: in, only if `Config.colours` is not `array`: {valid, address, word}, as `write`, never
-            in the same cycle
-        read: in, only if `Config.colours` is not `array`: {enable, address} of a word to be read,
-            for models without codebooks
-        word: out, only if `Config.colours` is not `array`: the word read, one cycle later; it is
-            held
-
     **Timing**: one item every `interval` cycles (`DEFAULT`: 5), `latency` 6. No multiplier.
     """
 
@@ -100,18 +83,26 @@ class Codebook(wiring.Component):
         ports = {
             # Always ready; Amaranth cannot convert a component with a port that says so.
             "write": In(stream.Signature(line)),
-            "start": In(1),
+            "start": In(1),  # an item begins; at least `interval` cycles after the previous one
+            # bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
             "index": In(INDEX_BITS),
             "model": In(ModelState),
+            # integers, sums of the colour entries `latency` cycles after the start; they stay for
+            # the next cycle, and longer if items are farther apart than `interval`; without
+            # codebooks the item's base in steps
             "colour": Out(data.ArrayLayout(signed(colour), len(CHANNELS))),
         }
         if self.sh_stages:
             slope = signed(sum_of(SLOPE, len(self.sh_stages)).width)
+            # sums of the elements of G, row by row, held as long as `colour`; valid if the model
+            # has harmonics
             ports["g"] = Out(data.ArrayLayout(slope, len(SLOPES)))
         if self.beside:
             reading = data.StructLayout({"enable": 1, "address": range(self.words)})
+            # as `write`, never in the same cycle
             ports["beat"] = In(data.StructLayout({"valid": 1} | line.members))
-            ports |= {"read": In(reading), "word": Out(CODEBOOK_WORD * 8)}
+            ports["read"] = In(reading)  # of a word, for models without codebooks
+            ports["word"] = Out(CODEBOOK_WORD * 8)  # read one cycle before, or earlier
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:

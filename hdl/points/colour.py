@@ -48,18 +48,6 @@ class Colour(wiring.Component):
         rounds: layout of the projection's `rounds`, whose `carried` is the slot
         interval: cycles per round
 
-    Members:
-        write: in, stream of {address, word}, words of the codebook memory
-        beat: in, {valid, address, word}, a beat of harmonics; the address is the slot's number
-            times `BEATS` plus the number of the beat
-        model: in, its registers
-        phase, rounds: in, of the projection's array
-        index, steps: out, {slot, enable}, parts of a slot to be read
-        found_index, found_steps: in, these parts one cycle later; held until the next reading
-        o: out, {valid, red, green, blue}, codes of `unscaled_colour_format`, for one cycle
-        ray: in, only if the machine has harmonics: codes of `BASIS` of the Gaussian that enters at
-            the end of this cycle, if there is one
-
     **Timing**: one Gaussian per round of at least `spec.schedule.colour_cycles` cycles; its colours
     appear in time `latency` (`DEFAULT`: 42), counted in cycles since its first round began. All
     parts are read by time `last_read`.
@@ -89,18 +77,23 @@ class Colour(wiring.Component):
         colour = unscaled_colour_format(config).width
         line = codebook_line(config)
         ports = {
-            "write": In(stream.Signature(line)),
+            "write": In(stream.Signature(line)),  # words of the codebook memory
+            # {valid, address, word}, a beat of harmonics; the address is the slot's number times
+            # `BEATS` plus the number of the beat
             "beat": In(data.StructLayout({"valid": 1} | line.members)),
             "model": In(ModelState),
-            "phase": In(interval),
-            "rounds": In(rounds),
-            "index": Out(reading),
-            "steps": Out(reading),
+            "phase": In(interval),  # of the projection's array
+            "rounds": In(rounds),  # of the projection's array
+            "index": Out(reading),  # {slot, enable}, parts of a slot to be read
+            "steps": Out(reading),  # {slot, enable}, parts of a slot to be read
+            # these parts one cycle later; held until the next reading
             "found_index": In(INDEX_BITS),
-            "found_steps": In(STEPS),
+            "found_steps": In(STEPS),  # these parts one cycle later; held until the next reading
+            # {valid, red, green, blue}, codes of `unscaled_colour_format`, for one cycle
             "o": Out(data.StructLayout({"valid": 1} | dict.fromkeys(CHANNELS, colour))),
         }
         if self.terms:
+            # codes of `BASIS` of the Gaussian that enters at the end of this cycle, if there is one
             ports["ray"] = In(RAYS)
         super().__init__(ports)
 

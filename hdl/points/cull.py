@@ -23,13 +23,6 @@ class Cull(wiring.Component):
 
     Numbers inside have the formats of `spec.depth.finer`.
 
-    Members:
-        chunks: in, stream of `culling_record`, taken with the chunk's last point
-        positions: in, stream of memory beats (`hdl.points.position`)
-        frame, model: in, their registers
-        o: out, stream of `point_record` with z and z_low
-        taken: out, a point has been read, high for one cycle
-
     **Timing**: one PE, one point every 4 cycles, latency about 30. No path from `o` to `positions`.
     """
 
@@ -37,12 +30,12 @@ class Cull(wiring.Component):
         self.config, self.program = config, culling(config.depth_interval)
         self.fine = finer(config)
         ports = {
-            "chunks": In(stream_of(culling_record(config))),
-            "positions": In(stream.Signature(BEAT)),
+            "chunks": In(stream_of(culling_record(config))),  # taken with the chunk's last point
+            "positions": In(stream.Signature(BEAT)),  # memory beats (`hdl.points.position`)
             "frame": In(frame_state(config)),
             "model": In(ModelState),
-            "o": Out(stream_of(point_record(config, "z"))),
-            "taken": Out(1),
+            "o": Out(stream_of(point_record(config, "z"))),  # with z and z_low
+            "taken": Out(1),  # a point has been read, high for one cycle
         }
         super().__init__(ports)
 

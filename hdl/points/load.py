@@ -27,18 +27,6 @@ class Load(wiring.Component):
     beyond the model's end is read, except further beats of attributes, which chunk headers ask for:
     positions take less than attributes. Only the host can check the contents, by the checksum.
 
-    Members:
-        start: in, begin
-        model_at: in, address of the model in beats; stable until `loaded`
-        ranges: out, stream of `range_record` to be read
-        beats: in, stream of their beats
-        write: out, stream of {address, word}, words of the codebook memory
-        model: out, its registers
-        positions, attributes: out, addresses of these parts in beats
-        loaded: out, header and codebooks (if any) have been read; until the next start
-        error: out, `ErrorCode`; if it is not NONE, the header is invalid and nothing more happens
-        detail: out, detail of the error
-
     **Timing**: one beat per cycle; a header of 4 beats and up to 512 beats of codebooks per frame.
     """
 
@@ -52,17 +40,19 @@ class Load(wiring.Component):
             for format in self.formats
         ]
         ports = {
-            "start": In(1),
+            "start": In(1),  # begin
+            # address of the model in beats; stable until `loaded`
             "model_at": In(BEAT_ADDRESS_BITS),
-            "ranges": Out(stream_of(range_record(RANGE_BITS))),
-            "beats": In(stream.Signature(DATA_BITS)),
-            "write": Out(stream.Signature(codebook_line(config))),
+            "ranges": Out(stream_of(range_record(RANGE_BITS))),  # to be read
+            "beats": In(stream.Signature(DATA_BITS)),  # their beats
+            "write": Out(stream.Signature(codebook_line(config))),  # words of the codebook memory
             "model": Out(ModelState),
-            "positions": Out(BEAT_ADDRESS_BITS),
-            "attributes": Out(BEAT_ADDRESS_BITS),
-            "loaded": Out(1),
+            "positions": Out(BEAT_ADDRESS_BITS),  # addresses of these parts in beats
+            "attributes": Out(BEAT_ADDRESS_BITS),  # addresses of these parts in beats
+            "loaded": Out(1),  # header and codebooks (if any) have been read; until the next start
+            # `ErrorCode`; if it is not NONE, the header is invalid and nothing more happens
             "error": Out(CODE_BITS),
-            "detail": Out(DETAIL_BITS),
+            "detail": Out(DETAIL_BITS),  # detail of the error
         }
         super().__init__(ports)
 

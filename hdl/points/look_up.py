@@ -24,14 +24,6 @@ class LookUp(wiring.Component):
 
     First G is converted row by row, then the colour.
 
-    Members:
-        write: in, stream of {address, word}, words of the codebook memory
-        start: in, an item begins; at least `interval` cycles after the previous one
-        index: in, bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
-        model: in, its registers; without harmonics all of G is zero
-        o: out, colour and, if the machine has harmonics, G as floats of `Config.arithmetic`; an
-            item's values are valid for one cycle
-
     **Timing**: one item every `interval` cycles (`PAPER`: 5); its values are at `o` exactly
     `latency` cycles after its start (8). No multiplier.
     """
@@ -45,10 +37,13 @@ class LookUp(wiring.Component):
         # Sums are held until all are converted; the values of the next item come later.
         self.interval = self.codebook.interval + (ROWS - 1) * self.shaded
         ports = {
-            "write": In(stream.Signature(codebook_line(config))),
-            "start": In(1),
+            "write": In(stream.Signature(codebook_line(config))),  # words of the codebook memory
+            "start": In(1),  # an item begins; at least `interval` cycles after the previous one
+            # bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
             "index": In(INDEX_BITS),
-            "model": In(ModelState),
+            "model": In(ModelState),  # without harmonics all of G is zero
+            # colour and, if the machine has harmonics, G as floats of `Config.arithmetic`; an
+            # item's values are valid for one cycle
             "o": Out(codes(config, COLOURS + (SLOPES if self.shaded else ()))),
         }
         super().__init__(ports)

@@ -42,21 +42,6 @@ def multiple(value: Value, factor: int) -> Value:
 class ModelReader(wiring.Component):
     """Reads a model: header and codebooks, then all chunk headers, and other parts on request.
 
-    Members:
-        start: in, read header and codebooks
-        model_at: in, address of the model in beats; stable during the frame
-        write: out, stream of {address, word}, words of the codebook memory
-        model, loaded, error, detail: out, as in `hdl.points.load.Load`
-        run: in, once `loaded` is high: begin with the chunk headers
-        headers: out, stream of `CHUNK_HEADER`
-        fetch: in, stream of `FETCH`, chunks whose positions are to be read
-        positions: out, stream of the beats of these positions
-        wanted: in, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: out, stream of the beats of these attributes
-        given: out, all chunk headers have been taken
-        reads: out, streams of `read_record` to memory, one for each of `READING`
-        data: in, streams of `read_beat` from memory, one for each of `READING`
-
     **Timing**: a chunk header in four cycles; bursts of positions end at multiples of 16 beats; the
     attributes of a Gaussian are one burst every two cycles, or two bursts if they cross a multiple
     of 4 KB: the second one follows after one cycle, with a port of 256 bits after two.
@@ -65,21 +50,24 @@ class ModelReader(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.load = config, Load(config)
         ports = {
-            "start": In(1),
+            "start": In(1),  # read header and codebooks
+            # address of the model in beats; stable during the frame
             "model_at": In(axi.BEAT_ADDRESS_BITS),
-            "write": Out(stream.Signature(codebook_line(config))),
-            "model": Out(ModelState),
-            "loaded": Out(1),
-            "error": Out(CODE_BITS),
-            "detail": Out(DETAIL_BITS),
-            "run": In(1),
+            "write": Out(stream.Signature(codebook_line(config))),  # words of the codebook memory
+            "model": Out(ModelState),  # as in `hdl.points.load.Load`
+            "loaded": Out(1),  # as in `hdl.points.load.Load`
+            "error": Out(CODE_BITS),  # as in `hdl.points.load.Load`
+            "detail": Out(DETAIL_BITS),  # as in `hdl.points.load.Load`
+            "run": In(1),  # once `loaded` is high: begin with the chunk headers
             "headers": Out(stream_of(CHUNK_HEADER)),
-            "fetch": In(stream_of(FETCH)),
-            "positions": Out(stream.Signature(axi.DATA_BITS)),
-            "wanted": In(stream_of(WANTED)),
-            "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
-            "given": Out(1),
+            "fetch": In(stream_of(FETCH)),  # chunks whose positions are to be read
+            "positions": Out(stream.Signature(axi.DATA_BITS)),  # the beats of these positions
+            "wanted": In(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
+            "given": Out(1),  # all chunk headers have been taken
+            # to memory, one for each of `READING`
             "reads": Out(stream_of(axi.read_record())).array(len(READING)),
+            # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
         }
         super().__init__(ports)

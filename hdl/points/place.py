@@ -23,22 +23,16 @@ class Place(wiring.Component):
 
     A point waits in a small memory while the array computes its x and y.
 
-    Members:
-        i: in, stream of `point_record` with z
-        chunks: in, stream of `placing_record`, taken with the chunk's last point
-        frame: in, its registers
-        o: out, stream of `point_record` with x, y and z
-
     **Timing**: two PEs, one point every 4 cycles, latency about 20. No path from `o` to `i`.
     """
 
     def __init__(self, config: Config):
         self.config, self.program = config, program("place")
         ports = {
-            "i": In(stream_of(point_record(config, "z"))),
-            "chunks": In(stream_of(placing_record(config))),
+            "i": In(stream_of(point_record(config, "z"))),  # with z
+            "chunks": In(stream_of(placing_record(config))),  # taken with the chunk's last point
             "frame": In(frame_state(config)),
-            "o": Out(stream_of(point_record(config, "x y z"))),
+            "o": Out(stream_of(point_record(config, "x y z"))),  # with x, y and z
         }
         super().__init__(ports)
 

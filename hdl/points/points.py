@@ -35,11 +35,6 @@ class Front(wiring.Component):
 
     With culling (`Config.culling`) all centres are in front, and there is no such part.
 
-    Members:
-        i: in, stream of `splat_record`
-        frame: in, its registers
-        o: out, stream of `splat_record`
-
     **Timing**: combinational; one splat per cycle.
     """
 
@@ -65,20 +60,6 @@ class Front(wiring.Component):
 class Points(wiring.Component):
     """Stages 0 and 1: turns chunk headers, positions and attributes into splats.
 
-    Members:
-        headers: in, stream of `CHUNK_HEADER`, the whole model's headers for each frame
-        fetch: out, stream of `FETCH`, chunks whose positions are to be read
-        positions: in, stream of the beats of these positions
-        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: in, stream of the beats of these attributes
-        write: in, stream of {address, word}, words of the codebook memory, before the frame
-        frame, model: in, their registers
-        splats: out, stream of `splat_record`, in the order of the model
-        idle: out, no chunk and no splat is inside; if the last header is taken, the frame is done
-        clear: in, all counters are 0
-        counters: out, counts of `COUNTED`; the last three count rounds of the projection's array
-            that began with a Gaussian, without one, and without one because splats were not taken
-
     **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 6 in `DEFAULT`
     (`hdl.points.project`).
     """
@@ -88,17 +69,21 @@ class Points(wiring.Component):
         self.place, self.project = Place(config), Project(config)
         self.config = config
         ports = {
-            "headers": In(stream_of(CHUNK_HEADER)),
-            "fetch": Out(stream_of(FETCH)),
-            "positions": In(stream.Signature(ATTRIBUTE_BITS)),
-            "wanted": Out(stream_of(WANTED)),
-            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
+            "headers": In(stream_of(CHUNK_HEADER)),  # the whole model's headers for each frame
+            "fetch": Out(stream_of(FETCH)),  # chunks whose positions are to be read
+            "positions": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these positions
+            "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
+            # {address, word}, words of the codebook memory, before the frame
             "write": In(stream.Signature(codebook_line(config))),
             "frame": In(frame_state(config)),
             "model": In(ModelState),
-            "splats": Out(stream_of(splat_record(config))),
+            "splats": Out(stream_of(splat_record(config))),  # in the order of the model
+            # no chunk and no splat is inside; if the last header is taken, the frame is done
             "idle": Out(1),
-            "clear": In(1),
+            "clear": In(1),  # all counters are 0
+            # counts of `COUNTED`; the last three count rounds of the projection's array that began
+            # with a Gaussian, without one, and without one because splats were not taken
             "counters": Out(counters_layout(COUNTED)),
         }
         super().__init__(ports)

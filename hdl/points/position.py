@@ -35,15 +35,6 @@ class Position(wiring.Component):
     ends. In small models their low bits are not stored either, and are zero. The vector from the
     camera to a point is exact on the grid and rounded once, to `spec.depth.finer`.
 
-    Members:
-        i: in, stream of beats; a chunk begins at a new beat, and the rest of its last beat is
-            dropped
-        chunk: in, `culling_record`, the chunk that the points belong to
-        chunk_valid: in, there is a chunk
-        next_chunk: in, the chunk is done; from the next cycle on `chunk` is the next one
-        frame, model: in, their registers
-        o: out, stream of rays, floats in scene units
-
     **Timing**: one point every 4 cycles, and one cycle more at each octant's end; latency
     `CONVERT_LATENCY` + 9 from a chunk's first beat.
     """
@@ -52,13 +43,15 @@ class Position(wiring.Component):
         self.config, self.fine = config, finer(config)
         self.widths = position_widths(config)
         ports = {
+            # beats; a chunk begins at a new beat, and the rest of its last beat is dropped
             "i": In(stream.Signature(BEAT)),
-            "chunk": In(layout(culling_record(config))),
-            "chunk_valid": In(1),
+            "chunk": In(layout(culling_record(config))),  # the chunk that the points belong to
+            "chunk_valid": In(1),  # there is a chunk
+            # the chunk is done; from the next cycle on `chunk` is the next one
             "next_chunk": In(1),
             "frame": In(frame_state(config)),
             "model": In(ModelState),
-            "o": Out(stream.Signature(codes(self.fine, AXES))),
+            "o": Out(stream.Signature(codes(self.fine, AXES))),  # rays, floats in scene units
         }
         super().__init__(ports)
 

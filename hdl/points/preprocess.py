@@ -30,24 +30,6 @@ from splatcore.spec.registers import ErrorCode
 class Preprocess(wiring.Component):
     """Stages 0 and 1 and binning with their memory access, frame by frame.
 
-    Members:
-        start: in, begin a frame
-        frame: in, `frame_layout`, its registers, stable from `hdl.points.check.LATENCY` cycles
-            before `start` until `done`
-        area: in, `AREA`, the work area to be written
-        reads: out, streams of `read_record` to memory, one for each of `model_reader.READING`
-        data: in, streams of `read_beat` from memory, one for each of `model_reader.READING`
-        writes: out, streams of `write_record` to memory, one for each of `binned.WRITING`
-        settled: in, all written data is in memory
-        done: out, the work area is complete; until `taken`
-        taken: in, the work area has been handed over
-        needed: out, list pages that the frame takes, while `counted` is high
-        counted: out, `needed` is valid, for one cycle
-        error: out, `ERROR`, the frame cannot be rendered; nothing more happens until reset
-        counters: out, counters of `hdl.points.points` and `hdl.binning.bin`
-        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
-            of `reads` and `writes`
-
     **Timing**: as its slowest part, one Gaussian in 6 cycles in `DEFAULT`, if memory keeps up.
     """
 
@@ -58,20 +40,27 @@ class Preprocess(wiring.Component):
         parts = {"points": self.points, "bin": self.bin}
         counters = {name: part.counters.shape() for name, part in parts.items()}
         ports = {
-            "start": In(1),
+            "start": In(1),  # begin a frame
+            # its registers, stable from `hdl.points.check.LATENCY` cycles before `start` until
+            # `done`
             "frame": In(frame_layout(config)),
-            "area": In(AREA),
+            "area": In(AREA),  # the work area to be written
+            # to memory, one for each of `model_reader.READING`
             "reads": Out(stream_of(read_record())).array(len(READING)),
+            # from memory, one for each of `model_reader.READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
+            # to memory, one for each of `binned.WRITING`
             "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
-            "settled": In(1),
-            "done": Out(1),
-            "taken": In(1),
-            "needed": Out(PAGE_BITS),
-            "counted": Out(1),
-            "error": Out(ERROR),
+            "settled": In(1),  # all written data is in memory
+            "done": Out(1),  # the work area is complete; until `taken`
+            "taken": In(1),  # the work area has been handed over
+            "needed": Out(PAGE_BITS),  # list pages that the frame takes, while `counted` is high
+            "counted": Out(1),  # `needed` is valid, for one cycle
+            "error": Out(ERROR),  # the frame cannot be rendered; nothing more happens until reset
+            # counters of `hdl.points.points` and `hdl.binning.bin`
             "counters": Out(data.StructLayout(counters)),
         }
+        # `read_windows` and `write_windows` of `reads` and `writes`, if there are windows
         windows = client_windows(config, len(READING), len(WRITING))
         super().__init__(ports | {name: Out(shape) for name, shape in windows.items()})
 

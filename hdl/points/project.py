@@ -41,17 +41,6 @@ class Project(wiring.Component):
     Colours are computed by a separate unit, and wait in their own queue for the rest of their
     splats; or they are computed in the array from values that are looked up (`Config.colours`).
 
-    Members:
-        i: in, stream of `point_record` with x, y and z
-        chunks: in, stream of `projecting_record`, taken with the chunk's last point
-        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: in, stream of the beats of these attributes
-        write: in, stream of {address, word}, words of the codebook memory
-        frame, model: in, their registers
-        o: out, stream of `splat_record`, in the order of `i`
-        entered, starved, blocked: out, the next round of the array begins with a Gaussian; without
-            one because none is complete; without one because splats are not taken
-
     **Timing**: one Gaussian every `plan.interval` cycles (`DEFAULT`: 6 on nine PEs); `plan.length`
     + 5 cycles from its attributes to its splat.
     """
@@ -91,17 +80,17 @@ class Project(wiring.Component):
         self.splats_inside = self.array.round_count + SPARE
         """Maximum number of splats in the array and in the queue behind it."""
         ports = {
-            "i": In(stream_of(point_record(config, "x y z"))),
-            "chunks": In(stream_of(projecting_record())),
-            "wanted": Out(stream_of(WANTED)),
-            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
-            "write": In(stream.Signature(codebook_line(config))),
+            "i": In(stream_of(point_record(config, "x y z"))),  # with x, y and z
+            "chunks": In(stream_of(projecting_record())),  # taken with the chunk's last point
+            "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
+            "write": In(stream.Signature(codebook_line(config))),  # words of the codebook memory
             "frame": In(frame_state(config)),
             "model": In(ModelState),
-            "o": Out(stream_of(splat_record(config))),
-            "entered": Out(1),
-            "starved": Out(1),
-            "blocked": Out(1),
+            "o": Out(stream_of(splat_record(config))),  # in the order of `i`
+            "entered": Out(1),  # the next round of the array begins with a Gaussian
+            "starved": Out(1),  # it begins without one, because none is complete
+            "blocked": Out(1),  # it begins without one, because splats are not taken
         }
         super().__init__(ports)
 

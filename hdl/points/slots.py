@@ -40,19 +40,6 @@ class Slots(wiring.Component):
     """Holds points and requests their attributes; outputs slots whose attributes have come, in
     order.
 
-    Members:
-        i: in, stream of `point_record` with x, y and z
-        chunks: in, stream of `projecting_record`, taken with the chunk's last point
-        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: in, stream of their beats, in the same order
-        ready: out, stream of slots that are complete
-        release: in, the oldest slot becomes free
-        read: in, {slot, enable} for each of `parts`
-        found: out, the parts read, one cycle later; held until the next reading
-        beat: out, only if `Config.colours` is not `array`: {valid, address, word}, a beat behind a
-            Gaussian's first, and its address in `hdl.points.colour`
-        model: in, its registers; the beat of two neighbours in a small model is requested once
-
     **Timing**: one point per cycle; no multiplier; memories of `Config.projection_slots` words.
     """
 
@@ -62,19 +49,24 @@ class Slots(wiring.Component):
         self.slot = range(config.projection_slots)
         reading = data.StructLayout({"slot": self.slot, "enable": 1})
         ports = {
-            "i": In(stream_of(point_record(config, "x y z"))),
-            "chunks": In(stream_of(projecting_record())),
-            "wanted": Out(stream_of(WANTED)),
-            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
-            "ready": Out(stream.Signature(self.slot)),
-            "release": In(1),
+            "i": In(stream_of(point_record(config, "x y z"))),  # with x, y and z
+            "chunks": In(stream_of(projecting_record())),  # taken with the chunk's last point
+            "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # their beats, in the same order
+            "ready": Out(stream.Signature(self.slot)),  # slots that are complete
+            "release": In(1),  # the oldest slot becomes free
+            # the beat of two neighbours in a small model is requested once
             "model": In(ModelState),
+            # {slot, enable} for each of `parts`
             "read": In(data.StructLayout(dict.fromkeys(self.parts, reading))),
+            # the parts read, one cycle later; held until the next reading
             "found": Out(data.StructLayout(self.parts)),
         }
         if self.beside:
             address = range(BEATS * config.projection_slots)
             line = {"valid": 1, "address": address, "word": ATTRIBUTE_BITS}
+            # {valid, address, word}, a beat behind a Gaussian's first, and its address in
+            # `hdl.points.colour`
             ports["beat"] = Out(data.StructLayout(line))
         super().__init__(ports)
 

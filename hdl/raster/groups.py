@@ -27,25 +27,18 @@ EMPTY_WAITING = 2  # groups without entries that wait to be written
 class Walk(wiring.Component):
     """A walk through the groups of an image, row after row.
 
-    Members:
-        start: in, go to the first group
-        rows, columns: in, of the image, in groups
-        step: in, go to the next group
-        position: out, `position_record` of the present group
-        active: out, `position` is valid: the last group is not yet past
-
     **Timing**: one group per cycle.
     """
 
     def __init__(self, config: Config):
         side = convention.TILE * config.group
         ports = {
-            "start": In(1),
-            "rows": In(range(config.side_max // side + 2)),
-            "columns": In(range(config.side_max // side + 2)),
-            "step": In(1),
-            "position": Out(layout(position_record(config))),
-            "active": Out(1),
+            "start": In(1),  # go to the first group
+            "rows": In(range(config.side_max // side + 2)),  # of the image, in groups
+            "columns": In(range(config.side_max // side + 2)),  # of the image, in groups
+            "step": In(1),  # go to the next group
+            "position": Out(layout(position_record(config))),  # of the present group
+            "active": Out(1),  # `position` is valid: the last group is not yet past
         }
         super().__init__(ports)
 
@@ -67,39 +60,27 @@ class Groups(wiring.Component):
     There are two walks: one passes on the groups with entries as fast as they are taken; the other
     finds the groups without entries, far ahead of the first.
 
-    Members:
-        start: in, a frame begins
-        width, height: in, of its image, pixels
-        groups_at: in, address of its table, in beats
-        lists: out, stream of `group_record`, groups with entries, for sorting
-        positions: out, stream of `position_record`, groups with entries, for rasterizing
-        pixels: out, stream of `position_record`, groups with entries, for writing pixels
-        empty: out, stream of `position_record`, groups without entries
-        groups: out, number of groups of the image, valid a few cycles after `start`
-        busy: out, groups of the image are still to be visited, or in flight
-        reads: out, stream of `read_record`, to memory
-        data: in, stream of `read_beat`, from memory
-
     **Timing**: one group with entries per cycle; the other walk takes 4 cycles and memory's latency
     per group. One multiplier, for `groups`.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        position = Out(stream_of(position_record(config)))
         ports = {
-            "start": In(1),
-            "width": In(range(config.side_max + 1)),
-            "height": In(range(config.side_max + 1)),
-            "groups_at": In(BEAT_ADDRESS_BITS),
-            "lists": Out(stream_of(group_record())),
-            "positions": position,
-            "pixels": position,
-            "empty": position,
+            "start": In(1),  # a frame begins
+            "width": In(range(config.side_max + 1)),  # of its image, pixels
+            "height": In(range(config.side_max + 1)),  # of its image, pixels
+            "groups_at": In(BEAT_ADDRESS_BITS),  # address of its table, in beats
+            "lists": Out(stream_of(group_record())),  # groups with entries, for sorting
+            # groups with entries, for rasterizing and for writing pixels; groups without entries
+            "positions": Out(stream_of(position_record(config))),
+            "pixels": Out(stream_of(position_record(config))),
+            "empty": Out(stream_of(position_record(config))),
+            # number of groups of the image, valid a few cycles after `start`
             "groups": Out(range(groups_max(config) + 1)),
-            "busy": Out(1),
-            "reads": Out(stream_of(read_record())),
-            "data": In(stream.Signature(read_beat(config))),
+            "busy": Out(1),  # groups of the image are still to be visited, or in flight
+            "reads": Out(stream_of(read_record())),  # to memory
+            "data": In(stream.Signature(read_beat(config))),  # from memory
         }
         super().__init__(ports)
 

@@ -29,18 +29,6 @@ class Pixels(wiring.Component):
                              └─ span, done ─▶ SpanData ─ bytes, strobe
                          i (blocks), background ─▲
 
-    Members:
-        start: in, a frame begins
-        job: in, its parameters
-        groups: in, number of its groups
-        positions, empty: in, streams of `position_record`, the groups with and without splats by
-            rows
-        i: in, streams of `pixels_record`, one per rasterizer: blocks of the groups with splats in
-            the order of `spec.raster.nth_block`
-        plain: out, a group without splats is being written
-        through: out, the image's last span is done
-        writes: out, stream of `write_record` to memory
-
     **Timing**: a row of a span takes one cycle per beat of the port (4 blocks: 3 of 128 bits; 1 of
     256 bits, then 2), without a pause between spans. One cycle more per group, and per change to
     the other group (two if blocks turn out to be missing); two per span outside the image. If the
@@ -50,15 +38,18 @@ class Pixels(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "start": In(1),
-            "job": In(job_layout(config)),
-            "groups": In(range(groups_max(config) + 1)),
+            "start": In(1),  # a frame begins
+            "job": In(job_layout(config)),  # its parameters
+            "groups": In(range(groups_max(config) + 1)),  # number of its groups
+            # the groups with and without splats by rows
             "positions": In(stream_of(position_record(config))),
             "empty": In(stream_of(position_record(config))),
+            # one per rasterizer: blocks of the groups with splats in the order of
+            # `spec.raster.nth_block`
             "i": In(stream_of(pixels_record(config))).array(config.rasterizers),
-            "plain": Out(1),
-            "through": Out(1),
-            "writes": Out(stream_of(write_record(config))),
+            "plain": Out(1),  # a group without splats is being written
+            "through": Out(1),  # the image's last span is done
+            "writes": Out(stream_of(write_record(config))),  # to memory
         }
         super().__init__(ports)
 

@@ -66,18 +66,15 @@ def _clipped(amount: Value, most: int) -> Value:
 class Prepare(wiring.Component):
     """Converts a splat's features to a `readied_record`, by shifts and two products.
 
-    Members:
-        i: in, stream of `featured_record`: a splat with the tiles it reaches, or a group's end
-        o: out, stream of `readied_record`, the same in the integers of setup
-
     **Timing**: one splat per cycle, latency `len(CUTS)`; two multipliers, of 11 and 18 × 19 bits.
     """
 
     def __init__(self, config: Config):
         self.config = config
         ports = {
+            # a splat with the tiles it reaches, or a group's end
             "i": In(stream_of(featured_record(config))),
-            "o": Out(stream_of(readied_record(config))),
+            "o": Out(stream_of(readied_record(config))),  # the same in the integers of setup
         }
         super().__init__(ports)
 

@@ -34,20 +34,6 @@ STAGES = 1 + Evaluate.LATENCY
 class Rasterizer(wiring.Component):
     """Evaluates and blends one marked block per cycle; outputs a group's pixels after its end.
 
-    Members:
-        i: in, stream of `marked_record` with this rasterizer's blocks by level, or a group's end
-        positions: in, stream of `position_record`, one per group
-        width, height: in, of the image, pixels
-        background: in, a colour
-        started: out, a group is being rasterized
-        group: out, its number modulo 2^GROUP_BITS
-        live: out, blocks of each of the group's tiles that have live pixels
-        level: out, for each level from 1 on (`spec.raster.mark_min`), blocks that are at it or
-            above
-        o: out, stream of `pixels_record`, the group's blocks (`spec.raster.nth_block`)
-        blended: out, a block enters the lanes
-        waited: out, no block enters the lanes although the group has not ended
-
     Internal:
         pairs: the queue of pairs
         finished: the blocks that have been output by the lanes
@@ -66,18 +52,22 @@ class Rasterizer(wiring.Component):
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Finished(config)
         ports = {
+            # `marked_record` with this rasterizer's blocks by level, or a group's end
             "i": In(stream_of(pair)),
-            "positions": In(stream_of(raster.position_record(config))),
-            "width": In(range(config.side_max + 1)),
-            "height": In(range(config.side_max + 1)),
-            "background": In(layout(Record("colour", raster.colours(config)))),
-            "started": Out(1),
-            "group": Out(raster.GROUP_BITS, init=-1),
+            "positions": In(stream_of(raster.position_record(config))),  # one per group
+            "width": In(range(config.side_max + 1)),  # of the image, pixels
+            "height": In(range(config.side_max + 1)),  # of the image, pixels
+            "background": In(layout(Record("colour", raster.colours(config)))),  # a colour
+            "started": Out(1),  # a group is being rasterized
+            "group": Out(raster.GROUP_BITS, init=-1),  # its number modulo 2^GROUP_BITS
+            # blocks of each of the group's tiles that have live pixels
             "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
+            # for each level from 1 on (`spec.raster.mark_min`), blocks that are at it or above
             "level": Out(data.ArrayLayout(len(self.own), self.tiles)).array(self.levels),
+            # the group's blocks (`spec.raster.nth_block`)
             "o": Out(stream_of(raster.pixels_record(config))),
-            "blended": Out(1),
-            "waited": Out(1),
+            "blended": Out(1),  # a block enters the lanes
+            "waited": Out(1),  # no block enters the lanes although the group has not ended
         }
         super().__init__(ports)
 

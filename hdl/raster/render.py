@@ -31,19 +31,6 @@ from splatcore.spec.config import Config
 class Render(wiring.Component):
     """Stages 2 and 3 with their memory access, frame by frame.
 
-    Members:
-        start: in, begin a frame
-        job: in, `job_layout`, its parameters, stable until `done`
-        reads: out, streams of `read_record` to memory, one for each of `READING`
-        data: in, streams of `read_beat` from memory, one for each of `READING`
-        writes: out, streams of `write_record` to memory, one for each of `WRITING`
-        settled: in, one bit for each of `WRITING`: all its written data is in memory
-        patient: out, one bit for each of `WRITING`: its writes may wait for all others
-        done: out, the frame's pixels are in memory
-        counters: out, counters of `hdl.sorting.sort` and `hdl.raster.raster`
-        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
-            of `reads` and `writes`
-
     **Timing**: as its slowest part, if memory keeps up; a few hundred cycles more before the first
     pair and after the last.
     """
@@ -58,16 +45,23 @@ class Render(wiring.Component):
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
         ports = {
-            "start": In(1),
-            "job": In(job_layout(config)),
+            "start": In(1),  # begin a frame
+            "job": In(job_layout(config)),  # its parameters, stable until `done`
+            # to memory, one for each of `READING`
             "reads": Out(stream_of(read_record())).array(len(READING)),
+            # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
+            # to memory, one for each of `WRITING`
             "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
+            # one bit for each of `WRITING`: all its written data is in memory
             "settled": In(len(WRITING)),
+            # one bit for each of `WRITING`: its writes may wait for all others
             "patient": Out(len(WRITING)),
-            "done": Out(1),
+            "done": Out(1),  # the frame's pixels are in memory
+            # counters of `hdl.sorting.sort` and `hdl.raster.raster`
             "counters": Out(data.StructLayout(counters)),
         }
+        # `read_windows` and `write_windows` of `reads` and `writes`, if there are windows
         windows = client_windows(config, len(READING), len(WRITING))
         super().__init__(ports | {name: Out(shape) for name, shape in windows.items()})
 

@@ -34,17 +34,6 @@ class SpanData(wiring.Component):
 
     Of two spans that share a beat, the first leaves its bytes of each row to the second.
 
-    Members:
-        background: in, a colour (`spec.colour.colour_format`), also for groups without splats
-        span: in, `span_layout`
-        taken: in, the beat is written
-        done: in, the span is done: its blocks are taken
-        i: in, streams of `pixels_record`, one per rasterizer
-        present: out, all blocks of the next span of the group with splats are present
-        tail: out, bytes that the span before leaves to this one are present, or there are none
-        bytes: out, the beat
-        strobe: out, one bit per byte: it belongs to the span
-
     **Timing**: combinational from `i`, `span` and the bytes left; the background takes one cycle.
     """
 
@@ -53,15 +42,18 @@ class SpanData(wiring.Component):
         # Bytes left to the next span.
         self.kept = row_bytes(config) % port_bytes(config) if spans_meet(config) else 0
         ports = {
+            # a colour (`spec.colour.colour_format`), also for groups without splats
             "background": In(layout(Record("colour", colours(config)))),
             "span": In(span_layout(config)),
-            "taken": In(1),
-            "done": In(1),
+            "taken": In(1),  # the beat is written
+            "done": In(1),  # the span is done: its blocks are taken
+            # one per rasterizer
             "i": In(stream_of(pixels_record(config))).array(config.rasterizers),
-            "present": Out(1),
+            "present": Out(1),  # all blocks of the next span of the group with splats are present
+            # bytes that the span before leaves to this one are present, or there are none
             "tail": Out(1),
-            "bytes": Out(8 * port_bytes(config)),
-            "strobe": Out(port_bytes(config)),
+            "bytes": Out(8 * port_bytes(config)),  # the beat
+            "strobe": Out(port_bytes(config)),  # one bit per byte: it belongs to the span
         }
         super().__init__(ports)
 

@@ -63,19 +63,6 @@ class Walk(wiring.Component):
 
     A span of the group without splats is next whenever blocks of the other group's are missing.
 
-    Members:
-        start: in, a frame begins
-        job: in, its parameters
-        groups: in, number of its groups
-        positions, empty: in, streams of `position_record`, the groups with and without splats by
-            rows
-        present: in, all blocks of the next span of the group with splats are present
-        tail: in, bytes that the span before leaves to this one are present, or there are none
-        span: out, `span_layout`
-        bursts: out, stream of `BURST`, one item per beat
-        done: out, the span is done
-        through: out, the image's last span is done
-
     **Timing**: as in `hdl.raster.pixels`.
     """
 
@@ -88,17 +75,19 @@ class Walk(wiring.Component):
         self.parts = (part + meet, exact_log2(BLOCKS), 2 * side - meet)
         self.in_tile, self.across = part, side - meet  # bits within a tile, of tiles in a row
         ports = {
-            "start": In(1),
-            "job": In(job_layout(config)),
-            "groups": In(range(groups_max(config) + 1)),
+            "start": In(1),  # a frame begins
+            "job": In(job_layout(config)),  # its parameters
+            "groups": In(range(groups_max(config) + 1)),  # number of its groups
+            # the groups with and without splats by rows
             "positions": In(stream_of(position_record(config))),
             "empty": In(stream_of(position_record(config))),
-            "present": In(1),
+            "present": In(1),  # all blocks of the next span of the group with splats are present
+            # bytes that the span before leaves to this one are present, or there are none
             "tail": In(1),
             "span": Out(span_layout(config)),
-            "bursts": Out(stream.Signature(BURST)),
-            "done": Out(1),
-            "through": Out(1),
+            "bursts": Out(stream.Signature(BURST)),  # one item per beat
+            "done": Out(1),  # the span is done
+            "through": Out(1),  # the image's last span is done
         }
         super().__init__(ports)
 

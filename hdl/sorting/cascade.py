@@ -32,10 +32,6 @@ class Pair(wiring.Component):
 
     A batch is cut into runs from its beginning; its last run may be shorter, and may be unpaired.
 
-    Members:
-        i: in, stream of `entry_layout` for runs of `size`
-        o: out, stream of `entry_layout` for runs of 2 · `size`
-
     Internal:
         turn: the run at `i` is the second of its pair
         count: entries of that run that have come
@@ -51,7 +47,11 @@ class Pair(wiring.Component):
     def __init__(self, config: Config, size: int):
         self.config, self.size = config, size
         entry, merged = entry_layout(config, size), entry_layout(config, 2 * size)
-        super().__init__({"i": In(stream.Signature(entry)), "o": Out(stream.Signature(merged))})
+        ports = {
+            "i": In(stream.Signature(entry)),  # of runs of `size`
+            "o": Out(stream.Signature(merged)),  # of runs of 2 · `size`
+        }
+        super().__init__(ports)
         held = data.StructLayout({"entry": entry, "last": 1})  # last: of its run
         depth, memory = size + latency(size) + 1, size >= MEMORY_FROM
         self.runs = [Queue(held, depth, memory=memory) for _ in range(2)]
@@ -130,10 +130,6 @@ class Pair(wiring.Component):
 
 class Cascade(wiring.Component):
     """Sorts batches of up to `Config.sub_sorter_entries` entries, stably.
-
-    Members:
-        i: in, stream of `batch_record`
-        o: out, stream of `ranked_record`
 
     **Timing**: one entry per cycle in and out. The latency from a full batch's last entry in to its
     first entry out is the sum of all merges' latencies; shorter batches stay up to half a batch
