@@ -1,6 +1,6 @@
 """Conversion between float formats, and between floats and fixed point."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, ValueLike
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -8,6 +8,13 @@ from splatcore.hdl.arithmetic.float import Round, Unpack, Unpacked, operand
 from splatcore.hdl.lib.latency import Pipeline, Registers, spread
 from splatcore.hdl.lib.shift import shift_right_sticky, sticky
 from splatcore.spec.number import Fixed, Float
+
+
+def converted(m: Module, name: str, part: wiring.Component, value: ValueLike) -> Value:
+    """A value converted by a part without registers, submodule `name`."""
+    m.submodules[name] = part
+    m.d.comb += [part.i.eq(value), part.enable.eq(1)]
+    return part.o
 
 
 class Convert(wiring.Component):

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.arithmetic.convert import Convert, ToFixed
+from splatcore.hdl.arithmetic.convert import Convert, ToFixed, converted
 from splatcore.hdl.binning.gather import Gather
 from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.hdl.binning.outline import Outline
@@ -139,8 +139,8 @@ class Bin(wiring.Component):
             else:
                 m.d.comb += waits[name].eq(splat[name])
         for name, (target, source) in fixed.items():
-            m.submodules[f"fixed_{name}"] = convert = ToFixed(format, target, 0)
-            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), waits[name].eq(convert.o)]
+            convert = ToFixed(format, target, 0)
+            m.d.comb += waits[name].eq(converted(m, f"fixed_{name}", convert, source))
         m.d.comb += waits.scale.eq(self._scale(splat.u, splat.v))
 
         m.d.comb += [
@@ -187,13 +187,10 @@ class Bin(wiring.Component):
         format, unit = self.config.arithmetic, self.config.screen_exponent
         found = {"scale": splat.scale, "opacity": splat.opacity}
         found |= {name: fixed.o for name, fixed in self.centre.items()}
-        for name in ("across", "along"):
-            m.submodules[name] = found[name] = Convert(format, FACTOR, 0, FACTOR_SCALE - 2 * unit)
-        m.submodules.shear = found["shear"] = Convert(format, SHEAR, 0)
         for name in ("across", "shear", "along"):
-            convert = found[name]
-            m.d.comb += [convert.i.eq(splat[name]), convert.enable.eq(1)]
-            found[name] = convert.o
+            factor = FACTOR, 0, FACTOR_SCALE - 2 * unit
+            convert = Convert(format, *((SHEAR, 0) if name == "shear" else factor))
+            found[name] = converted(m, name, convert, splat[name])
         for name in COLOURS:
             found[name] = short_colours(self.config, scaled_colours(splat[name]), Mux)
         return found

@@ -5,10 +5,10 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.holds import enough
-from splatcore.hdl.lib.record import stream_of
+from splatcore.hdl.lib.record import AREA, stream_of
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.memory.write_combiner import WriteCombiner
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, write_record
+from splatcore.spec.axi import BEAT, write_record
 from splatcore.spec.binning import burst_record, group_record, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.feature import feature_record
@@ -34,10 +34,7 @@ class Binned(wiring.Component):
             "features": In(stream_of(feature_record(config))),
             "bursts": In(stream_of(burst_record(config))),
             "groups": In(stream_of(group_record())),
-            # addresses of the parts of the work area, in beats
-            "features_at": In(BEAT_ADDRESS_BITS),
-            "lists_at": In(BEAT_ADDRESS_BITS),  # addresses of the parts of the work area, in beats
-            "groups_at": In(BEAT_ADDRESS_BITS),  # addresses of the parts of the work area, in beats
+            "area": In(AREA),  # the work area
             "features_max": In(SPLAT_BITS),  # number of features for which there is room
             "exceeded": Out(1),  # there were more features, which were dropped
             "finish": In(1),  # no more items come
@@ -61,7 +58,7 @@ class Binned(wiring.Component):
         room = number != self.features_max
         m.d.comb += [
             line.i.valid.eq(i.valid & room),
-            line.i.payload.slot.eq(self.features_at + number),
+            line.i.payload.slot.eq(self.area.features + number),
             line.i.payload.data.eq(i.payload.as_value()),
             line.flush.eq(self.finish),
             i.ready.eq(line.i.ready | ~room),
@@ -81,7 +78,7 @@ class Binned(wiring.Component):
         connect(m, store.writes, flipped(self.writes[WRITING.index("lists")]))
         burst = self.bursts.payload
         m.d.comb += store.i.valid.eq(self.bursts.valid)
-        m.d.comb += store.i.payload.beat.eq(self.lists_at + burst.address * beats)
+        m.d.comb += store.i.payload.beat.eq(self.area.lists + burst.address * beats)
         m.d.comb += [store.i.payload.data.eq(Cat(burst.slots)), self.bursts.ready.eq(store.i.ready)]
 
     def _groups(self, m: Module) -> WriteCombiner:
@@ -90,7 +87,7 @@ class Binned(wiring.Component):
         number, i = Signal(range(groups_max(self.config) + 1)), self.groups
         m.d.comb += [
             line.i.valid.eq(i.valid),
-            line.i.payload.slot.eq(Cat(0, self.groups_at) + number),
+            line.i.payload.slot.eq(Cat(0, self.area.groups) + number),
             line.i.payload.data.eq(i.payload.as_value()),
             i.ready.eq(line.i.ready),
             line.flush.eq(self.finish),

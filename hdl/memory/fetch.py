@@ -10,14 +10,7 @@ from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Stage, passes
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.spec.axi import (
-    BURST_BEATS,
-    DATA_BITS,
-    LENGTH_BITS,
-    port_beats,
-    range_record,
-    read_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.config import Config
 from splatcore.spec.group import ENTRY_BITS
 
@@ -52,14 +45,14 @@ class Fetch(wiring.Component):
         config: Config,
         depth: int,
         count_bits: int,
-        burst: int = BURST_BEATS,
+        burst: int = axi.BURST_BEATS,
         marks: bool = False,
     ):
         if depth < burst:
             raise ValueError(f"a queue of {depth} beats, below a burst of {burst}")
-        self.beats, self.logic = port_beats(config), config.logic
+        self.beats, self.logic = axi.port_beats(config), config.logic
         self.burst, self.depth = burst // self.beats, depth // self.beats  # of the port's
-        self.range = layout(range_record(count_bits))
+        self.range = layout(axi.range_record(count_bits))
         self.queue = Queue(config.port, self.depth, memory=True)
         name = "beats in the queue or in flight"
         self.used = Credit(self.depth, name, step=self.burst)
@@ -67,7 +60,7 @@ class Fetch(wiring.Component):
         self.size = Signal(range(self.burst + 1), reset_less=True)
         ports = {
             "i": In(stream.Signature(self.range)),
-            "reads": Out(stream_of(read_record())),  # to the memory port
+            "reads": Out(stream_of(axi.read_record())),  # to the memory port
             "data": In(stream.Signature(read_beat(config))),  # from the memory port
             "o": Out(stream.Signature(config.port)),  # beats of the port
         }
@@ -107,7 +100,7 @@ class Fetch(wiring.Component):
             length = Mux(ends, rest.count[: len(beats)], to_boundary)
             m.d.sync += [
                 burst["beat"].eq(rest.beat),
-                burst["length"].eq((length - 1)[:LENGTH_BITS]),
+                burst["length"].eq((length - 1)[: axi.LENGTH_BITS]),
                 beats.eq(length),
                 first.eq(Cat(Const(0, len(offset)), first[len(offset) :] + 1)),
                 rest.count.eq(rest.count - to_boundary),
@@ -195,10 +188,10 @@ class FetchBeats(wiring.Component):
     def __init__(self, config: Config, depth: int, count_bits: int):
         self.config, self.fetch = config, Fetch(config, depth, count_bits)
         ports = {
-            "i": In(stream_of(range_record(count_bits))),
-            "reads": Out(stream_of(read_record())),  # to the memory port
+            "i": In(stream_of(axi.range_record(count_bits))),
+            "reads": Out(stream_of(axi.read_record())),  # to the memory port
             "data": In(stream.Signature(read_beat(config))),  # from the memory port
-            "o": Out(stream.Signature(DATA_BITS)),  # beats of the machine
+            "o": Out(stream.Signature(axi.DATA_BITS)),  # beats of the machine
         }
         super().__init__(ports)
         self.count_bits = count_bits
@@ -213,7 +206,7 @@ class FetchBeats(wiring.Component):
             connect(m, outside.i, fetch.i)
             connect(m, fetch.o, outside.o)
             return m
-        m.submodules.unpack = unpack = Unpack(self.config, self.count_bits, DATA_BITS)
+        m.submodules.unpack = unpack = Unpack(self.config, self.count_bits, axi.DATA_BITS)
         connect(m, fetch.o, unpack.beats)
         connect(m, unpack.o, outside.o)
         m.d.comb += [  # a range goes to both at once

@@ -5,7 +5,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed
+from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed, converted
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Pipe
 from splatcore.hdl.points.state import ModelState, codes, frame_state
@@ -65,10 +65,10 @@ class Position(wiring.Component):
         if self.config.position == "chunk":
             point = self._offset(m, coordinate)
         else:
-            m.submodules.decode = decode = ToFixed(memory.ABSOLUTE, GRID, 0)
             [coordinate] = self._later(m, coordinate)
-            m.d.comb += [decode.i.eq(coordinate), decode.enable.eq(1), self.ready.eq(1)]
-            point = decode.o.as_signed()
+            m.d.comb += self.ready.eq(1)
+            decode = ToFixed(memory.ABSOLUTE, GRID, 0)
+            point = converted(m, "decode", decode, coordinate).as_signed()
         self._convert(m, point)
         self._count(m)
         self._collect(m)

@@ -12,14 +12,7 @@ from splatcore.hdl.memory.window import client_windows
 from splatcore.hdl.points.check import Check
 from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.hdl.points.points import Points
-from splatcore.spec.axi import (
-    BEAT_BITS,
-    READ_AREAS,
-    WRITE_AREAS,
-    read_record,
-    window_bits,
-    write_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.compensation import MODEL_CONSTANTS
 from splatcore.spec.config import Config
@@ -46,11 +39,11 @@ class Preprocess(wiring.Component):
             "frame": In(frame_layout(config)),
             "area": In(AREA),  # the work area to be written
             # to memory, one for each of `model_reader.READING`
-            "reads": Out(stream_of(read_record())).array(len(READING)),
+            "reads": Out(stream_of(axi.read_record())).array(len(READING)),
             # from memory, one for each of `model_reader.READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
             # to memory, one for each of `binned.WRITING`
-            "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
+            "writes": Out(stream_of(axi.write_record(config))).array(len(WRITING)),
             "settled": In(1),  # all written data is in memory
             "done": Out(1),  # the work area is complete; until `taken`
             "taken": In(1),  # the work area has been handed over
@@ -107,23 +100,21 @@ class Preprocess(wiring.Component):
             low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]
             m.d.comb += points.frame.camera[k].eq(Cat(low, high))
         m.d.comb += [
-            self.model.model_at.eq(frame.model[BEAT_BITS:]),
+            self.model.model_at.eq(frame.model[axi.BEAT_BITS :]),
             points.model.eq(self.model.model),
             points.frame.near_plane.eq(frame.near_plane),
             self.bin.width.eq(frame.width),
             self.bin.height.eq(frame.height),
             self.bin.pages.eq(frame.lists_pages),
             self.binned.features_max.eq(frame.features_max),
-            self.binned.features_at.eq(self.area.features),
-            self.binned.lists_at.eq(self.area.lists),
-            self.binned.groups_at.eq(self.area.groups),
+            self.binned.area.eq(self.area),
             self.counters.points.eq(points.counters),
             self.counters.bin.eq(self.bin.counters),
         ]
-        if window_bits(config):
+        if axi.window_bits(config):
             for areas, names, windows in (
-                (READ_AREAS, READING, self.read_windows),
-                (WRITE_AREAS, WRITING, self.write_windows),
+                (axi.READ_AREAS, READING, self.read_windows),
+                (axi.WRITE_AREAS, WRITING, self.write_windows),
             ):
                 for number, name in enumerate(names):
                     m.d.comb += windows[number].eq(frame[f"{areas[name]}_high"])

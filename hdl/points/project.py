@@ -6,7 +6,7 @@ from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.arithmetic.convert import Convert, FromFixed
+from splatcore.hdl.arithmetic.convert import Convert, FromFixed, converted
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout, same_fields, stream_of
@@ -206,9 +206,8 @@ class Project(wiring.Component):
                 convert = FromFixed(steps, config.arithmetic, 0)
             else:
                 convert = Convert(record[field], config.arithmetic, 0)
-            m.submodules[f"convert_{name}"] = convert
             bits = factor[record.offset(field) :][: record[field].width]
-            m.d.comb += [convert.i.eq(bits), convert.enable.eq(1), self._field(name).eq(convert.o)]
+            m.d.comb += self._field(name).eq(converted(m, f"convert_{name}", convert, bits))
 
     def _colours(self, m: Module) -> int:
         """Connect the inputs of `Colour`; return the last time at which a slot is read."""

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect
 
-from splatcore.hdl.arithmetic.convert import Convert
+from splatcore.hdl.arithmetic.convert import Convert, converted
 from splatcore.hdl.lib.holds import holds, never_waits
 from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue, Register
@@ -200,15 +200,13 @@ class Slots(wiring.Component):
 
     def _ray(self, m: Module) -> Value:
         """The point's ray in the slot's format."""
-        rays = [self.i.payload[name] for name in RAY]
+        rays, format = [self.i.payload[name] for name in RAY], self.config.arithmetic
         if not self.beside:
             return Cat(rays)
-        converted = []
-        for name, ray in zip(RAY, rays, strict=True):
-            m.submodules[f"convert_{name}"] = convert = Convert(self.config.arithmetic, BASIS, 0)
-            m.d.comb += [convert.i.eq(ray), convert.enable.eq(1)]
-            converted.append(convert.o)
-        return Cat(converted)
+        return Cat(
+            converted(m, f"convert_{name}", Convert(format, BASIS, 0), ray)
+            for name, ray in zip(RAY, rays, strict=True)
+        )
 
     def _memory(self, m: Module, name: str, write, slot, value):
         """A part's memory: written here, read through the ports."""

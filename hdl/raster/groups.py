@@ -11,8 +11,9 @@ from splatcore.hdl.lib.stream import Fork, Queue, Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack
 from splatcore.hdl.memory.share import Share
+from splatcore.hdl.raster.job import job_layout
 from splatcore.spec import convention, work
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, port_beats, read_record
+from splatcore.spec.axi import BURST_BEATS, DATA_BITS, port_beats, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.raster import position_record
@@ -68,9 +69,7 @@ class Groups(wiring.Component):
         self.config = config
         ports = {
             "start": In(1),  # a frame begins
-            "width": In(range(config.side_max + 1)),  # of its image, pixels
-            "height": In(range(config.side_max + 1)),  # of its image, pixels
-            "groups_at": In(BEAT_ADDRESS_BITS),  # address of its table, in beats
+            "job": In(job_layout(config)),
             "lists": Out(stream_of(group_record())),  # groups with entries, for sorting
             # groups with entries, for rasterizing and for writing pixels; groups without entries
             "positions": Out(stream_of(position_record(config))),
@@ -100,8 +99,8 @@ class Groups(wiring.Component):
         self.walk, self.search = Walk(self.config), Walk(self.config)
         m.submodules.walk, m.submodules.search = self.walk, self.search
         rows, columns = Signal.like(self.walk.rows), Signal.like(self.walk.columns)
-        m.d.sync += rows.eq((self.height + side - 1) // side)
-        m.d.sync += columns.eq((self.width + side - 1) // side)
+        m.d.sync += rows.eq((self.job.height + side - 1) // side)
+        m.d.sync += columns.eq((self.job.width + side - 1) // side)
         m.d.sync += self.groups.eq(rows * columns)
         waits = Signal(3)
         m.d.sync += waits.eq(Cat(self.start, waits))
@@ -122,7 +121,7 @@ class Groups(wiring.Component):
         a_beat = DATA_BITS // 8 // work.SLOT
         m.d.comb += [  # both are free, as the last frame has ended
             fetch.i.valid.eq(known),
-            fetch.i.payload.beat.eq(self.groups_at),
+            fetch.i.payload.beat.eq(self.job.area.groups),
             fetch.i.payload.count.eq((self.groups + a_beat - 1) // a_beat),
             unpack.counts.valid.eq(known),
             unpack.counts.payload.eq(self.groups),
@@ -171,7 +170,7 @@ class Groups(wiring.Component):
         group = Signal(layout(group_record()))
         m.d.comb += [
             asks.valid.eq(walk.active & ~asked & queued.ready),
-            asks.payload.beat.eq(self.groups_at + number[low:] * port_beats(self.config)),
+            asks.payload.beat.eq(self.job.area.groups + number[low:] * port_beats(self.config)),
             asks.payload.length.eq(0),
             beat.ready.eq(1),
             group.eq(beat.payload.beat.word_select(number[:low], self.config.port // slots)),

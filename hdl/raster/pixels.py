@@ -9,7 +9,7 @@ from splatcore.hdl.lib.stream import Register, passes
 from splatcore.hdl.memory.axi import write_data
 from splatcore.hdl.raster.job import job_layout
 from splatcore.hdl.raster.span_data import SpanData
-from splatcore.hdl.raster.walk import Walk
+from splatcore.hdl.raster.spans import Spans
 from splatcore.spec.axi import write_record
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
@@ -23,11 +23,11 @@ class Pixels(wiring.Component):
     splats, of which a span is written whenever blocks of the other group's next span are missing.
     If two adjacent spans share a beat (`spec.raster.spans_meet`), the second one writes it.
 
-        positions, empty ──▶ Walk ──── bursts ────────────▶ Register ──▶ writes
-                             │  ▲ present, tail               ▲
-                             │  └───────────┐                 │
-                             └─ span, done ─▶ SpanData ─ bytes, strobe
-                         i (blocks), background ─▲
+        positions, empty ──▶ Spans ── bursts ────────────────▶ Register ──▶ writes
+                              │ ▲                                  ▲
+                   span, done │ │ present, tail                    │
+                              ▼ │                                  │
+                i (blocks) ──▶ SpanData ── bytes, strobe ──────────┘
 
     **Timing**: a row of a span takes one cycle per beat of the port (4 blocks: 3 of 128 bits; 1 of
     256 bits, then 2), without a pause between spans. One cycle more per group, and per change to
@@ -55,32 +55,32 @@ class Pixels(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        m.submodules.walk = walk = Walk(self.config)
+        m.submodules.spans = spans = Spans(self.config)
         m.submodules.data = data = SpanData(self.config)
         m.submodules.written = written = Register(layout(write_record(self.config)))
         outside, write = flipped(self), written.i.payload
-        connect(m, outside.positions, walk.positions)
-        connect(m, outside.empty, walk.empty)
+        connect(m, outside.positions, spans.positions)
+        connect(m, outside.empty, spans.empty)
         for blocks, i in zip(self.i, data.i, strict=True):
             connect(m, flipped(blocks), i)
         connect(m, written.o, outside.writes)
         m.d.comb += [
-            walk.start.eq(self.start),
-            walk.job.eq(self.job),
-            walk.groups.eq(self.groups),
-            walk.present.eq(data.present & self.positions.valid),
-            walk.tail.eq(data.tail),
+            spans.start.eq(self.start),
+            spans.job.eq(self.job),
+            spans.groups.eq(self.groups),
+            spans.present.eq(data.present & self.positions.valid),
+            spans.tail.eq(data.tail),
             data.background.eq(self.job.background),
-            data.span.eq(walk.span),
-            data.done.eq(walk.done),
-            data.taken.eq(passes(walk.bursts)),
-            written.i.valid.eq(walk.bursts.valid),
-            walk.bursts.ready.eq(written.i.ready),
-            write.beat.eq(walk.bursts.payload.beat),
-            write.length.eq(walk.bursts.payload.length),
+            data.span.eq(spans.span),
+            data.done.eq(spans.done),
+            data.taken.eq(passes(spans.bursts)),
+            written.i.valid.eq(spans.bursts.valid),
+            spans.bursts.ready.eq(written.i.ready),
+            write.beat.eq(spans.bursts.payload.beat),
+            write.length.eq(spans.bursts.payload.length),
             write.strobe.eq(data.strobe),
             write_data(self.config, write).eq(data.bytes),
-            self.plain.eq(walk.span.plain),
-            self.through.eq(walk.through),
+            self.plain.eq(spans.span.plain),
+            self.through.eq(spans.through),
         ]
         return m

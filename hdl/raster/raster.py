@@ -10,13 +10,13 @@ from splatcore.hdl.lib.holds import enough, keeps
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
+from splatcore.hdl.raster.job import job_layout
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.prepare import CUTS, Prepare
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING, Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec import counters, raster
 from splatcore.spec.config import Config
-from splatcore.spec.record import Record
 
 SPLATS_WAITING = 16
 """Splats that may wait before stage 3: dead ones are dropped while others have many tiles."""
@@ -107,10 +107,7 @@ class Raster(wiring.Component):
             "i": In(stream_of(raster.featured_record(config))),
             # the groups' positions in their order
             "positions": In(stream_of(raster.position_record(config))),
-            "width": In(range(config.side_max + 1)),  # of the image, pixels
-            "height": In(range(config.side_max + 1)),  # of the image, pixels
-            # a colour (`spec.colour.colour_format`)
-            "background": In(layout(Record("colour", raster.colours(config)))),
+            "job": In(job_layout(config)),
             # tiles of the group at `i` that have live pixels; splats of others are not needed
             "live": Out(config.group**2),
             # one per rasterizer: blocks within the image, group after group, each once
@@ -135,8 +132,7 @@ class Raster(wiring.Component):
         for number, part in enumerate(self.rasterizers):
             m.submodules[f"rasterizer{number}"] = part
             self._register(m, f"position{number}", fork.o[number], part.positions)
-            m.d.comb += [part.width.eq(self.width), part.height.eq(self.height)]
-            m.d.comb += part.background.eq(self.background)
+            m.d.comb += part.job.eq(self.job)
             connect(m, part.o, flipped(self.o[number]))
         self._admit(m)
         o = self.expand.o

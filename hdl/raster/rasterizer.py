@@ -18,11 +18,12 @@ from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.finished import Finished, nth
+from splatcore.hdl.raster.job import job_layout
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.number import Bits
-from splatcore.spec.record import Array, Record
+from splatcore.spec.record import Array
 
 PAIRS_WAITING = 16
 """Pairs that may wait before a rasterizer: others may have more blocks of the same splats."""
@@ -55,9 +56,7 @@ class Rasterizer(wiring.Component):
             # `marked_record` with this rasterizer's blocks by level, or a group's end
             "i": In(stream_of(pair)),
             "positions": In(stream_of(raster.position_record(config))),  # one per group
-            "width": In(range(config.side_max + 1)),  # of the image, pixels
-            "height": In(range(config.side_max + 1)),  # of the image, pixels
-            "background": In(layout(Record("colour", raster.colours(config)))),  # a colour
+            "job": In(job_layout(config)),
             "started": Out(1),  # a group is being rasterized
             "group": Out(raster.GROUP_BITS, init=-1),  # its number modulo 2^GROUP_BITS
             # blocks of each of the group's tiles that have live pixels
@@ -114,8 +113,8 @@ class Rasterizer(wiring.Component):
         position = self.positions.payload
         behind = self.visiting.any() | self.blend.entered
         m.d.comb += self.positions.ready.eq(~self.started & ~behind)
-        columns = self._inside(position.column, self.width, BLOCK)
-        rows = self._inside(position.row, self.height, BLOCK)
+        columns = self._inside(position.column, self.job.width, BLOCK)
+        rows = self._inside(position.row, self.job.height, BLOCK)
         begins, blend = self.positions.valid & self.positions.ready, self.blend
         # The result of a block is known here a cycle later, unless its group is over then.
         shape = {"block": blend.blended_block.shape(), "ended": 1, "level": len(blend.level)}
@@ -188,7 +187,7 @@ class Rasterizer(wiring.Component):
         stale, blocked = (
             blocks.as_value().bit_select(number, 1) for blocks in (self.stale, self.blocked)
         )
-        background = self.background.as_value().any()
+        background = self.job.background.as_value().any()
         behind = self.giving.any() | self.blend.giving  # one may still be in flight to its place
         m.d.comb += [
             self.gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
@@ -240,7 +239,7 @@ class Rasterizer(wiring.Component):
             blend.blends.eq(visit | rests),
             blend.rest.eq(rests),
             blend.log2_alphas.eq(evaluate.log2_alphas),
-            blend.colour.eq(Mux(rests, self.background, Cat(colour))),
+            blend.colour.eq(Mux(rests, self.job.background, Cat(colour))),
             self.moves.eq(~blend.valid | ~blend.busy),
             self.blended.eq(seen & ~blend.busy),
         ]
@@ -271,6 +270,6 @@ class Rasterizer(wiring.Component):
             tile_column = tile_row = 0
         column = (self.position.column * side + tile_column) * raster.BLOCKS + columns
         row = (self.position.row * side + tile_row) * raster.BLOCKS + rows
-        across = [column * BLOCK + k < self.width for k in range(BLOCK)]
-        down = [row * BLOCK + k < self.height for k in range(BLOCK)]
+        across = [column * BLOCK + k < self.job.width for k in range(BLOCK)]
+        down = [row * BLOCK + k < self.job.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))

@@ -17,14 +17,7 @@ from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.spec.axi import (
-    LINE_BEATS,
-    READ_AREAS,
-    WRITE_AREAS,
-    read_record,
-    window_bits,
-    write_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.config import Config
 
 
@@ -40,7 +33,7 @@ class Render(wiring.Component):
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
         self.long_lists = ListReader(config, LONG_BEATS_WAITING, LONG_BURST)
         self.lists = ListReader(config)
-        self.buckets, self.features = Store(config, LINE_BEATS), Features(config)
+        self.buckets, self.features = Store(config, axi.LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
@@ -48,11 +41,11 @@ class Render(wiring.Component):
             "start": In(1),  # begin a frame
             "job": In(job_layout(config)),  # its parameters, stable until `done`
             # to memory, one for each of `READING`
-            "reads": Out(stream_of(read_record())).array(len(READING)),
+            "reads": Out(stream_of(axi.read_record())).array(len(READING)),
             # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
             # to memory, one for each of `WRITING`
-            "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
+            "writes": Out(stream_of(axi.write_record(config))).array(len(WRITING)),
             # one bit for each of `WRITING`: all its written data is in memory
             "settled": In(len(WRITING)),
             # one bit for each of `WRITING`: its writes may wait for all others
@@ -96,7 +89,7 @@ class Render(wiring.Component):
         m.d.comb += [self.features.live.eq(raster.live), sort.stop.eq(self.features.stop)]
         self._deal(m)
         self._job(m)
-        if window_bits(self.config):
+        if axi.window_bits(self.config):
             self._windows(m)
         self._control(m)
         return m
@@ -115,7 +108,7 @@ class Render(wiring.Component):
             lists.i.payload.count.eq(deal.reading.payload.count),
             deal.reading.ready.eq(lists.i.ready),
             self.buckets.i.valid.eq(waiting.o.valid),
-            self.buckets.i.payload.beat.eq(self.job.scratch + line.address * LINE_BEATS),
+            self.buckets.i.payload.beat.eq(self.job.scratch + line.address * axi.LINE_BEATS),
             self.buckets.i.payload.data.eq(Cat(line.slots)),
             waiting.o.ready.eq(self.buckets.i.ready),
         ]
@@ -123,16 +116,12 @@ class Render(wiring.Component):
     def _job(self, m: Module):
         """Parameters of the frame to the parts that use them."""
         job = self.job
-        for part in (self.groups, self.raster):
-            m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
+        m.d.comb += [part.job.eq(job) for part in (self.groups, self.raster, self.pixels)]
         m.d.comb += [
-            self.groups.groups_at.eq(job.area.groups),
             self.long_lists.lists_at.eq(job.area.lists),
             self.lists.lists_at.eq(job.area.lists),
             self.lists.scratch_at.eq(job.scratch),
             self.features.features_at.eq(job.area.features),
-            self.raster.background.eq(job.background),
-            self.pixels.job.eq(job),
             self.pixels.groups.eq(self.groups.groups),
             self.patient[WRITING.index("pixels")].eq(self.pixels.plain),
             self.counters.sort.eq(self.sort.counters),
@@ -143,9 +132,9 @@ class Render(wiring.Component):
         """The window of each reader and writer."""
         windows = self.job.windows
         for number, name in enumerate(READING):
-            m.d.comb += self.read_windows[number].eq(windows[READ_AREAS[name]])
+            m.d.comb += self.read_windows[number].eq(windows[axi.READ_AREAS[name]])
         for number, name in enumerate(WRITING):
-            m.d.comb += self.write_windows[number].eq(windows[WRITE_AREAS[name]])
+            m.d.comb += self.write_windows[number].eq(windows[axi.WRITE_AREAS[name]])
         with m.If(self.lists.in_scratch):
             m.d.comb += self.read_windows[READING.index("lists")].eq(windows.scratch)
 

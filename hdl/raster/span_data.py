@@ -8,7 +8,7 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue
-from splatcore.hdl.raster.walk import ROW_BEATS_BITS, row_bytes, span_layout
+from splatcore.hdl.raster.spans import ROW_BEATS_BITS, row_bytes, span_layout
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
@@ -30,7 +30,7 @@ ROW_BITS = BLOCK * PIXEL * 8  # bits of a row of a block
 
 
 class SpanData(wiring.Component):
-    """The beats of the spans that `hdl.raster.walk` visits.
+    """The beats of the spans that `hdl.raster.spans` visits.
 
     Of two spans that share a beat, the first leaves its bytes of each row to the second.
 

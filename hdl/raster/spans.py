@@ -10,13 +10,7 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.raster.job import job_layout
-from splatcore.spec.axi import (
-    BEAT_ADDRESS_BITS,
-    BOUNDARY,
-    LENGTH_BITS,
-    port_beats,
-    port_bytes,
-)
+from splatcore.spec import axi
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
@@ -25,7 +19,7 @@ from splatcore.spec.raster import BLOCKS, position_record, span_blocks, spans_me
 from splatcore.spec.registers import WORD
 from splatcore.spec.work import PIXEL
 
-BURST = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "length": LENGTH_BITS})
+BURST = data.StructLayout({"beat": axi.BEAT_ADDRESS_BITS, "length": axi.LENGTH_BITS})
 """The burst of a beat, as in `spec.axi.write_record`."""
 
 ROW_BEATS_BITS = 2
@@ -39,7 +33,7 @@ def row_bytes(config: Config) -> int:
 
 def span_layout(config: Config) -> data.StructLayout:
     """The present span and beat. about: values that all rows of the span share."""
-    size, row = port_bytes(config), row_bytes(config)
+    size, row = axi.port_bytes(config), row_bytes(config)
     about = data.StructLayout({
         "skipped": range(size // WORD),  # words before the span in its first beat
         "behind": range(size + row),  # the byte behind it, counted from that beat's first
@@ -57,7 +51,7 @@ def span_layout(config: Config) -> data.StructLayout:
     })  # fmt: skip
 
 
-class Walk(wiring.Component):
+class Spans(wiring.Component):
     """Visits the spans of two groups, one with splats and one without, each row by row and beat by
     beat.
 
@@ -67,7 +61,7 @@ class Walk(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        self.config, self.size = config, port_bytes(config)
+        self.config, self.size = config, axi.port_bytes(config)
         meet, side = tiles_meet(config), exact_log2(config.group)
         # Parts of a span's number: in a row of blocks of one or two tiles, that row, the tile or
         # pair of tiles.
@@ -93,7 +87,7 @@ class Walk(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        below, page = exact_log2(port_beats(self.config)), exact_log2(BOUNDARY // self.size)
+        below, page = exact_log2(axi.port_beats(self.config)), exact_log2(axi.BOUNDARY // self.size)
         span, plain, beat = self.span, self.span.plain, self.span.beat
         # The present spans of both groups; the next one is the same, or `following` it.
         blocks, empty = (Signal(sum(self.parts), name=name) for name in ("blocks", "empty"))
@@ -164,7 +158,7 @@ class Walk(wiring.Component):
         column = Cat(part, tile[: self.across], place.column)
         in_group = Cat(block_row, tile[self.across :])  # row of blocks
         down = Cat(in_group, place.row)
-        stride = self.job.stride[exact_log2(port_beats(self.config)) :]
+        stride = self.job.stride[exact_log2(axi.port_beats(self.config)) :]
         at, reached = self._group_rows(m, plain, stride)
         at += in_group * BLOCK * stride + (column * row_bytes(self.config) >> exact_log2(self.size))
         across = column * span_blocks(self.config) * BLOCK < self.job.width
@@ -174,7 +168,7 @@ class Walk(wiring.Component):
     def _group_rows(self, m: Module, plain: Value, stride: Value) -> tuple[Value, Value]:
         """Address of the present group's row of groups, in beats of the port, and whether it is
         valid; each address follows from the previous row's."""
-        found, first = [], self.job.pixels[exact_log2(port_beats(self.config)) :]
+        found, first = [], self.job.pixels[exact_log2(axi.port_beats(self.config)) :]
         for groups in (self.empty, self.positions):
             row, at = Signal.like(groups.payload.row), Signal.like(first)
             reached = groups.payload.row == row
