@@ -29,10 +29,10 @@ class Place(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.program = config, program("place")
         ports = {
-            "i": In(stream_of(point_record(config, "z"))),  # with z
+            "i": In(stream_of(point_record(config, "z"))),
             "chunks": In(stream_of(placing_record(config))),  # taken with the chunk's last point
             "frame": In(frame_state(config)),
-            "o": Out(stream_of(point_record(config, "x y z"))),  # with x, y and z
+            "o": Out(stream_of(point_record(config, "x y z"))),
         }
         super().__init__(ports)
 

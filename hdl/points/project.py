@@ -80,7 +80,7 @@ class Project(wiring.Component):
         self.splats_inside = self.array.round_count + SPARE
         """Maximum number of splats in the array and in the queue behind it."""
         ports = {
-            "i": In(stream_of(point_record(config, "x y z"))),  # with x, y and z
+            "i": In(stream_of(point_record(config, "x y z"))),
             "chunks": In(stream_of(projecting_record())),  # taken with the chunk's last point
             "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
             "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes

@@ -49,7 +49,7 @@ class Slots(wiring.Component):
         self.slot = range(config.projection_slots)
         reading = data.StructLayout({"slot": self.slot, "enable": 1})
         ports = {
-            "i": In(stream_of(point_record(config, "x y z"))),  # with x, y and z
+            "i": In(stream_of(point_record(config, "x y z"))),
             "chunks": In(stream_of(projecting_record())),  # taken with the chunk's last point
             "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
             "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # their beats, in the same order

@@ -44,7 +44,8 @@ def span_layout(config: Config) -> data.StructLayout:
     })  # fmt: skip
     return data.StructLayout({
         "plain": 1,  # its group has no splats
-        "blocks": range(BLOCKS**2 // span_blocks(config)),  # the other group's: number in its tile
+        # number in its tile of the next span of the group with splats: this one, if not plain
+        "blocks": range(BLOCKS**2 // span_blocks(config)),
         "row": range(BLOCK),
         "beat": ROW_BEATS_BITS,  # in that row
         "about": about,
