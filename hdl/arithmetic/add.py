@@ -33,7 +33,8 @@ class Add(wiring.Component):
         self.zeros = self._zeros(format)
         self.registers = spread(latency, self.cuts(format))
         ports = {
-            "a": In(format.width),  # codes of `format`
+            # codes of `format`
+            "a": In(format.width),
             "b": In(format.width),
             "enable": In(1),  # the pipeline advances; while it is low all registers hold
             "o": Out(format.width),  # code of `format`
@@ -137,7 +138,8 @@ class MultiplyAdd(wiring.Component):
         self.add = Add(format, own["add"])
         self.delay = {"summand": sum(own["multiply"].values())}
         ports = {
-            "a": In(format.width),  # codes of `format`, of the same item
+            # codes of `format`, of the same item
+            "a": In(format.width),
             "b": In(format.width),
             "c": In(format.width),
             "enable": In(1),  # the pipeline advances; while it is low all registers hold

@@ -28,10 +28,12 @@ class Compare(wiring.Component):
         self.format = format
         self.registers = spread(latency, {"compare": 14})
         ports = {
-            "a": In(format.width),  # codes of `format`
+            # codes of `format`
+            "a": In(format.width),
             "b": In(format.width),
             "enable": In(1),  # the pipeline advances; while it is low all registers hold
-            "less": Out(1),  # the results
+            # the results
+            "less": Out(1),
             "equal": Out(1),
         }
         super().__init__(ports)

@@ -15,7 +15,8 @@ class Choice(wiring.Component):
 
     def __init__(self, format: Float):
         ports = {
-            "a": In(format.width),  # codes of a signed `format`
+            # codes of a signed `format`
+            "a": In(format.width),
             "b": In(format.width),
             "enable": In(1),  # the register loads; while it is low it holds
             "o": Out(format.width),  # code of `format`

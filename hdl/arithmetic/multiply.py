@@ -26,7 +26,8 @@ class Multiply(wiring.Component):
         self.zeros = self._zeros(format)
         self.registers = spread(latency, self.cuts(format))
         ports = {
-            "a": In(format.width),  # codes of `format`
+            # codes of `format`
+            "a": In(format.width),
             "b": In(format.width),
             "enable": In(1),  # the pipeline advances; while it is low all registers hold
             "o": Out(format.width),  # code of `format`

@@ -192,7 +192,8 @@ class LogSum(wiring.Component):
     def __init__(self, config: Config):
         self.width = code = log_width(config)
         ports = {
-            "a": In(code),  # logarithms
+            # logarithms
+            "a": In(code),
             "b": In(code),
             "enable": In(1),  # while it is low all registers hold
             "o": Out(code),  # a logarithm
@@ -226,7 +227,8 @@ class Fade(wiring.Component):
         self.format = config.arithmetic
         code = log_width(config)
         ports = {
-            "a": In(code),  # logarithms
+            # logarithms
+            "a": In(code),
             "b": In(code),
             "enable": In(1),  # while it is low all registers hold
             "o": Out(self.format.width),  # code of `Config.arithmetic`

@@ -4,7 +4,8 @@ A port is one line of the constructor: name, direction, shape, and a comment beh
 
     ports = {
         "i": In(stream_of(point_record(config))),
-        "a": In(format.width),  # codes of `format`
+        # codes of `format`
+        "a": In(format.width),
         "b": In(format.width),
         # one bit per client: it requests, and has not …
         "wants": In(count),
@@ -13,8 +14,9 @@ A port is one line of the constructor: name, direction, shape, and a comment beh
         ports["small"] = In(1)  # …
 
 A port without a comment has a shape that says what it is (a stream, or a layout with a name), or it
-belongs to the port above: same direction, same shape. In a docstring, `Parameters:` lists arguments
-of the constructor, `Internal:` attributes that proofs and tests read, one entry per line.
+shares the comment above the ports before it of the same direction and shape. In a docstring,
+`Parameters:` lists arguments of the constructor, `Internal:` attributes that proofs and tests read,
+one entry per line.
 """
 
 import ast
@@ -93,13 +95,14 @@ def ports(source: str) -> dict[str, tuple[int, str]]:
 
 def undescribed(source: str) -> list[str]:
     """Ports in a constructor's source without a meaning."""
-    lines, found, before = source.splitlines(), [], ""
+    lines, found, shared = source.splitlines(), [], ""
     for name, (number, shape) in ports(source).items():
-        line, above = lines[number - 1], lines[number - 2].strip()
-        commented = "  # " in line or above.startswith("# ")
-        if not commented and not NAMED.search(shape) and shape != before:
+        if "  # " in lines[number - 1]:
+            shared = ""
+        elif lines[number - 2].strip().startswith("# "):
+            shared = shape
+        elif shape != shared and not NAMED.search(shape):
             found.append(name)
-        before = shape
     return found
 
 
@@ -165,8 +168,10 @@ LISTED = """
 def __init__(self, format):
     ports = {
         "i": In(stream_of(point_record(config))),
-        "a": In(format.width),  # codes of `format`
+        # codes of `format`
+        "a": In(format.width),
         "b": In(format.width),
+        "c": In(format.width),  # another
         # more than
         # one line
         "o": Out(4),
@@ -178,15 +183,18 @@ def __init__(self, format):
 
 
 def test_listed_ports_are_found():
-    assert list(ports(LISTED)) == ["i", "a", "b", "o", "small"]
+    assert list(ports(LISTED)) == ["i", "a", "b", "c", "o", "small"]
     assert undescribed(LISTED) == []
 
 
 @pytest.mark.parametrize(
     "old, new, found",
     [
-        ("  # codes of `format`", "", ["a"]),
+        ("        # codes of `format`\n", "", ["a", "b"]),
         ('"b": In', '"b": Out', ["b"]),
+        ("  # another", "", []),
+        ('"b": In(format.width),', '"b": In(format.width),  # b', []),
+        ('"a": In(format.width),', '"a": In(format.width),  # a', ["b"]),
         ("stream_of(point_record(config))", "4", ["i"]),
         ("  # the item is small", "", ["small"]),
         ("        # more than\n        # one line\n", "", ["o"]),
