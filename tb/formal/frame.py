@@ -12,7 +12,7 @@ from splatcore.hdl.frame import Frame
 from splatcore.hdl.lib.record import frame_layout
 from splatcore.hdl.memory.axi import HALVES
 from splatcore.hdl.memory.window import area_windows
-from splatcore.hdl.raster.render import READING, WRITING
+from splatcore.hdl.raster.job import READING, WRITING
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import TINY, Config
 from splatcore.spec.raster import COLOURS

@@ -89,8 +89,8 @@ class Table(wiring.Component):
             m.d.sync += [frame.eq(self.frames.payload), free.eq(0)]
         with m.Elif(was_busy & ~inner.busy):
             m.d.sync += free.eq(1)
-        for name in self.record.members:
-            m.d.comb += getattr(inner, name).eq(frame[name])
+        m.d.comb += [inner.job[name].eq(frame[name]) for name in ("width", "height")]
+        m.d.comb += inner.job.area.groups.eq(frame.groups_at)
         self._memory(m)
         return m
 

@@ -55,6 +55,7 @@ LARGE_SIZES = ((200, 130), (1, 1), (129, 64), (64, 260), (340, 60))
 
 
 POSITIONS = ("positions", "empty")
+JOB = ("width", "height", "pixels", "stride", "background")
 
 
 def frame_record(config: Config) -> Record:
@@ -62,8 +63,8 @@ def frame_record(config: Config) -> Record:
     sizes = {"width": config.width_max, "height": config.height_max}
     sizes |= dict.fromkeys(("groups", *POSITIONS), groups_max(config))
     fields = {name: Bits(size.bit_length()) for name, size in sizes.items()}
-    fields |= {"pixels_at": Bits(axi.BEAT_ADDRESS_BITS)}
-    fields |= {"stride_beats": Bits(STRIDE_BITS - axi.BEAT_BITS)}
+    fields |= {"pixels": Bits(axi.BEAT_ADDRESS_BITS)}
+    fields |= {"stride": Bits(STRIDE_BITS - axi.BEAT_BITS)}
     return Record("frame", fields | {"background": Record("colour", colours(config))})
 
 
@@ -91,8 +92,8 @@ class Frames(wiring.Component):
         m.d.sync += pixels.start.eq(self.frames.valid & self.frames.ready)
         with m.If(self.frames.valid & self.frames.ready):
             m.d.sync += frame.eq(self.frames.payload)
-        for name in set(self.record.members) - set(POSITIONS):
-            m.d.comb += getattr(pixels, name).eq(frame[name])
+        m.d.comb += [pixels.job[name].eq(frame[name]) for name in JOB]
+        m.d.comb += pixels.groups.eq(frame.groups)
         with m.If(pixels.start | pixels.through):
             m.d.sync += active.eq(pixels.start)
         for name in POSITIONS:
@@ -177,8 +178,8 @@ def run(config: Config, images: list[Image], **options) -> Result:
         "groups": [len(image.empty) for image in images],
         "positions": [np.sum(~image.empty) for image in images],
         "empty": [np.sum(image.empty) for image in images],
-        "pixels_at": [image.at for image in images],
-        "stride_beats": [image.stride for image in images],
+        "pixels": [image.at for image in images],
+        "stride": [image.stride for image in images],
     }
     frames = {name: np.array(values) for name, values in frames.items()}
     colour = np.array([image.background for image in images]).T

@@ -24,7 +24,7 @@ from splatcore.spec.memory import (
 from splatcore.spec.packed import PackedModel, checksum
 from splatcore.spec.point import point_record, projecting_record, splat_record
 from splatcore.spec.record import Record
-from tb.helpers.point_rows import attribute_rows, exponents, wanted_rows, write_rows
+from tb.helpers.point_rows import attribute_rows, registers, wanted_rows, write_rows
 from tb.helpers.runs import Rows
 
 Draw = Callable[[np.random.Generator, tuple[int, ...]], np.ndarray]
@@ -153,11 +153,4 @@ def project_rows(
         "wanted": wanted_rows(model, chosen),
         "o": splats.pack({name: format.encode(found[name]) for name, format in splats.fields}),
     }
-    registers = {
-        "constants": {n: int(config.arithmetic.encode(v)) for n, v in frame.constants.items()},
-        "sh": int(model.format.sh_degree > 0),
-        "codebooks": int(model.format.codebooks),
-        "small": int(model.format.small),
-        "exponent": exponents(model),
-    }
-    return inputs, expected, registers
+    return inputs, expected, registers(config, frame, model)

@@ -9,7 +9,7 @@ from amaranth.lib import data
 
 from splatcore.golden.pipeline import Frame, render
 from splatcore.hdl.lib.record import AREA, frame_layout
-from splatcore.hdl.raster.render import job_layout
+from splatcore.hdl.raster.job import job_layout
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_case import straight_camera

@@ -28,7 +28,7 @@ WORDS_MAX = 1024
 class Reading(wiring.Component):
     """`ModelReader` that runs when it has loaded; requests for chunks and Gaussians wait for that.
 
-    Members: those of the reader, except that `base` replaces `model`, `bursts` replaces `reads`,
+    Members: those of the reader, except that `base` replaces `model_at`, `bursts` replaces `reads`,
     and `beats` replaces `data` and never comes before its request. Position beats must always be
     accepted, as the reader requests no more than it has room for.
     """
@@ -36,7 +36,7 @@ class Reading(wiring.Component):
     def __init__(self, config: Config):
         self.reader = ModelReader(config)
         members = dict(self.reader.signature.members)
-        for name in ("model", "run", "reads", "data"):
+        for name in ("model_at", "run", "reads", "data"):
             del members[name]
         self.same = [name for name in members if name not in ("fetch", "wanted", "write")]
         beats = In(stream.Signature(config.port)).array(len(READING))
@@ -53,7 +53,7 @@ class Reading(wiring.Component):
         connect(m, reader.write, words.i)
         connect(m, words.o, flipped(self.write))
         ran = Signal()
-        m.d.comb += [reader.model.eq(self.base), reader.run.eq(reader.loaded & ~ran)]
+        m.d.comb += [reader.model_at.eq(self.base), reader.run.eq(reader.loaded & ~ran)]
         m.d.sync += ran.eq(reader.loaded)
         for name in ("fetch", "wanted"):
             outer, inner = getattr(self, name), getattr(reader, name)

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import Out, connect, flipped
 
 from splatcore.hdl.memory.axi import Axi
 from splatcore.hdl.memory.bus import axi
-from splatcore.hdl.raster.render import WRITING
+from splatcore.hdl.raster.job import WRITING
 from splatcore.spec.axi import PREPROCESSING, READERS, WRITERS
 from splatcore.spec.config import Config
 from tb.helpers.parts import forward

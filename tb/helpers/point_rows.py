@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcore.golden.points import Points, project_points
+from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.frame import CAMERA
+from splatcore.spec.frame import CAMERA, FrameConstants
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
 from splatcore.spec.number import Bits
 from splatcore.spec.packed import PackedModel
@@ -27,7 +28,7 @@ class PointRows:
     config: Config
     points: Points
     streams: dict[str, np.ndarray]
-    registers: dict[str, int | dict[str, int]]
+    registers: dict[str, int]
 
 
 def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
@@ -46,7 +47,7 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
         "splats": splat_rows(config, points),
     }  # fmt: skip
     streams |= token_rows(config, points)
-    return PointRows(config, points, streams, registers(config, model, points))
+    return PointRows(config, points, streams, registers(config, points.frame, model))
 
 
 def counts(model: PackedModel) -> np.ndarray:
@@ -153,24 +154,26 @@ def splat_rows(config: Config, points: Points) -> np.ndarray:
     return record.pack(values(record, found, np.arange(len(points.index))))
 
 
-def exponents(model: PackedModel) -> int:
-    """Exponents of all degrees as the value of a port."""
-    codes = EXPONENT.encode(np.array(model.exponents, np.float64))
-    return sum(int(code) << k * EXPONENT.width for k, code in enumerate(codes))
+def exponents(model: PackedModel) -> list[int]:
+    """Codes of the exponents of all degrees."""
+    return EXPONENT.encode(np.array(model.exponents, np.float64)).tolist()
 
 
-def registers(config: Config, model: PackedModel, points: Points) -> dict:
-    """Values of the ports that are constant during a frame."""
-    format, frame = config.arithmetic, points.frame
-    camera = CAMERA.encode(frame.camera.astype(np.float64)).astype(np.uint64)
-    return {
-        "gaussians": len(model),
-        "camera": sum(int(code) << k * CAMERA.width for k, code in enumerate(camera)),
-        "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
+def registers(config: Config, frame: FrameConstants, model: PackedModel) -> dict[str, int]:
+    """Values of the ports `frame` and `model`."""
+    format, shape = config.arithmetic, frame_state(config)
+    names = shape["constants"].shape.members
+    of_frame = shape.const({
+        "camera": CAMERA.encode(frame.camera.astype(np.float64)).tolist(),
         "near_plane": int(format.encode(frame.near_plane)),
-        "constants": {name: int(format.encode(code)) for name, code in frame.constants.items()},
+        "constants": {name: int(format.encode(frame.constants[name])) for name in names},
+    })  # fmt: skip
+    of_model = ModelState.const({
+        "gaussians": len(model),
+        "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
         "sh": int(model.format.sh_degree > 0),
         "codebooks": int(model.format.codebooks),
         "small": int(model.format.small),
         "exponent": exponents(model),
-    }
+    })  # fmt: skip
+    return {"frame": of_frame.as_bits(), "model": of_model.as_bits()}

@@ -20,6 +20,7 @@ from splatcore.spec.record import Array, Codes, Record
 from tb.helpers.raster_rows import (
     block_places,
     featured_rows,
+    job,
     opaque_features,
     prepared_codes,
     random_features,
@@ -50,9 +51,7 @@ class Case:
 
     @property
     def constants(self) -> dict[str, int]:
-        bits = raster.colours(TINY)["red"].width
-        background = sum(code << k * bits for k, code in enumerate(self.background))
-        return {"width": self.size[0], "height": self.size[1], "background": background}
+        return {"job": job(TINY, self.size, self.background)}
 
     def positions(self) -> np.ndarray:
         """Rows of `position_record`."""

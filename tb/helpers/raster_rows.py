@@ -10,11 +10,11 @@ from amaranth.lib.wiring import Out
 from splatcore.golden.exact import encode
 from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.golden.setup import prepare
+from splatcore.hdl.raster.job import job_layout
 from splatcore.hdl.raster.raster import Raster as Hardware
 from splatcore.hdl.raster.raster import counted as counters_of
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec import raster
-from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION
@@ -60,6 +60,13 @@ class Watched(wiring.Component):
             ),
         ]
         return m
+
+
+def job(config: Config, size: tuple[int, int], background: tuple[int, ...]) -> int:
+    """Value of the port `job` of stage 3."""
+    colour = dict(zip(raster.COLOURS, background, strict=True))
+    fields = {"width": int(size[0]), "height": int(size[1]), "background": colour}
+    return job_layout(config).const(fields).as_bits()
 
 
 def random_features(config: Config, count: int, size: tuple[int, int], seed: int) -> Codes:
@@ -153,7 +160,6 @@ def run_groups(
     golden = rasterize(config, features, entries, size, background)
     if groups is None:
         groups = np.arange(np.prod(group_grid(config, *size)))
-    bits = colour_format(config).width
     places = [block_places(config, k, groups, size) for k in range(config.rasterizers)]
     row, column = np.divmod(groups.astype(np.uint64), np.uint64(group_grid(config, *size)[1]))
     result = compiled(Watched, config, samples=("live", "full", "empty")).run(
@@ -162,9 +168,7 @@ def run_groups(
             "positions": raster.position_record(config).pack({"column": column, "row": row}),
         },
         constants={
-            "width": size[0],
-            "height": size[1],
-            "background": sum(code << k * bits for k, code in enumerate(background)),
+            "job": job(config, size, background),
             "clear": 0,
         },
         expected={f"o__{k}": len(found) for k, found in enumerate(places)},

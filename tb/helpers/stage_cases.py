@@ -84,12 +84,8 @@ def settled_outputs(stage: str, config: Config, outputs: Rows) -> Rows:
 
 def constants(component: wiring.Component, rows: PointRows) -> dict[str, int]:
     """Values of a component's ports that are constant during a frame."""
-    width, found = rows.config.arithmetic.width, {"clear": 0} | rows.registers
-    names = component.constants.shape().members
-    found["constants"] = sum(
-        rows.registers["constants"][name] << k * width for k, name in enumerate(names)
-    )
-    return {name: found[name] for name in component.signature.members if name in found}
+    ports = {"clear": 0} | rows.registers
+    return {name: ports[name] for name in component.signature.members if name in ports}
 
 
 def check(stage: str, frame: PointRows, stall: float, seed: int = 0) -> Result:
