@@ -17,7 +17,7 @@ from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 from tb.helpers.parts import SideBySide
-from tb.helpers.runs import check_run
+from tb.helpers.runs import Case
 
 ITEMS = 300
 
@@ -70,7 +70,7 @@ def check(given: dict[str, tuple], stall: float = 0, seed: int = 0):
     expected = {f"{name}__o": outputs for name, (_, outputs, _) in given.items()}
     inputs = {f"{name}__i": fields for name, (fields, _, _) in given.items()}
     constants = {f"{name}__constants": row for name, (_, _, row) in given.items()}
-    check_run(arrays(), inputs, expected, constants=constants, stall=stall, seed=seed)
+    Case(inputs, expected, constants).check(arrays(), stall=stall, seed=seed)
 
 
 def test_under_stalls():

@@ -201,7 +201,7 @@ def test_hardware_equals_golden(name):
     empty = {field: codes[:0] for field, codes in frames[0].splats.items()}
     frames = [frames[0], little, Frame(empty, 17, 16), *frames[1:], tiny]
     for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
-        _, results = check(name, frames, stall, seed)
+        _, results = check(config, frames, stall, seed)
     quarters = set(results[0].entries["key"] >> config.sort_key_bits - 2)
     if key_shift(config):  # keys in steps of one, two and many codes, and below the base
         assert {0, 2, 3} <= quarters
@@ -213,12 +213,12 @@ def test_hardware_equals_golden(name):
 def test_hardware_equals_golden_on_generated_scenes(name):
     frame, *_ = scene_frame(name, None)
     if len(frame):
-        run, results = check("DEFAULT", [frame], 0)
-        check("DEFAULT", [frame, frame], 0.4, seed=len(name))
+        run, results = check(DEFAULT, [frame], 0)
+        check(DEFAULT, [frame, frame], 0.4, seed=len(name))
         if name == "garden":
             check_cycles(run, results)
     if frame.width <= TINY.width_max and frame.height <= TINY.height_max:
-        check("TINY", [frame, frame], 0.3)
+        check(TINY, [frame, frame], 0.3)
 
 
 @needs_scenes
@@ -226,15 +226,15 @@ def test_hardware_equals_golden_on_generated_scenes(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_hardware_equals_golden_on_scenes(name):
     frame, *_ = scene_frame(name)
-    check_cycles(*check("DEFAULT", [frame], 0))
-    check("DEFAULT", [frame], 0.4, seed=len(name))
+    check_cycles(*check(DEFAULT, [frame], 0))
+    check(DEFAULT, [frame], 0.4, seed=len(name))
 
 
 @pytest.mark.slow
 def test_queues_and_buffers_fill_and_run_empty():
     """The feature queue fills up, and splats wait; buffers of all levels are filled and flushed."""
     frames = [random_frame(TINY, 60 + k, (k, 0)) for k in range(8)]
-    run, results = check("SHORT", frames, 0.8)
+    run, results = check(MACHINES["SHORT"], frames, 0.8)
     room, finishing = run.samples["room"], run.samples["finishing"]
     assert not room.all() and room.any()
     assert (finishing[1:] < finishing[:-1]).sum() == len(frames)  # each began with nothing inside

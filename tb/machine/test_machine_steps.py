@@ -17,6 +17,7 @@ from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 from tb.helpers.machines import check, view
+from tb.stages.points import with_harmonics
 
 COUNT = 3000
 LAYOUT_OF = np.random.default_rng(2).integers(0, len(LAYOUTS), -(-COUNT // CHUNK))
@@ -31,9 +32,7 @@ pytestmark = pytest.mark.slow
 
 def scene() -> Scene:
     """The garden with random harmonics of degree 3."""
-    found, rng = generate("garden", COUNT), np.random.default_rng(1)
-    sh = np.concatenate([found.sh[:, :1], 0.1 * rng.normal(size=(COUNT, 15, 3))], axis=1)
-    return replace(found, sh=sh)
+    return with_harmonics(generate("garden", COUNT), np.random.default_rng(1))
 
 
 def models() -> list[PackedModel]:
