@@ -15,10 +15,10 @@ proofs and tests read; neither has directions.
 
 import inspect
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
+from itertools import product
 from pkgutil import walk_packages
 
 import pytest
@@ -26,22 +26,10 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore import hdl
-from splatcore.hdl.arithmetic import (
-    add,
-    compare,
-    convert,
-    float,
-    minmax,
-    multiply,
-    unary,
-    unary_ends,
-)
-from splatcore.hdl.lib import counters, credit, latency
-from splatcore.hdl.lib import stream as streams
-from splatcore.hdl.memory import fetch, store, turns, words, write_combiner
-from splatcore.hdl.points import array, colour, compensation, look_up, project, terms
-from splatcore.hdl.raster import blend, evaluate, rasterizer
-from splatcore.hdl.sorting import cascade
+from splatcore.hdl.arithmetic import convert, float
+from splatcore.hdl.lib import latency
+from splatcore.hdl.memory import words
+from splatcore.hdl.points import colour, compensation, look_up, project
 from splatcore.spec import microprogram
 from splatcore.spec import unary as functions
 from splatcore.spec.config import DEFAULT, FPGA, PAPER, TINY
@@ -60,73 +48,20 @@ PREFIX = f"{hdl.__name__}."
 
 FORMAT, FIXED = FP24, Fixed(4, 4)
 
-COMPENSATING = [config for config in MACHINES if config.compensates]
+COMPENSATED = (compensation.Fade, compensation.Log, compensation.LogSum, compensation.Minor,
+               compensation.Product)  # fmt: skip
 
-
-def of_projection(kind: type) -> list[wiring.Component]:
-    """The parts of a kind that make colours, from all machines."""
-    parts = [project.Project(config).colour for config in MACHINES]
-    return [part for part in parts if isinstance(part, kind)]
-
-
-MADE: dict[type, Callable[[], list[wiring.Component]]] = {
-    add.Add: lambda: [add.Add(FORMAT, 1)],
-    add.MultiplyAdd: lambda: [add.MultiplyAdd(FORMAT, 1)],
-    array.Array: lambda: [
-        array.Array(TINY, program, late=late)
-        for program in [microprogram.program("place")]
-        for late in ({}, {program.fields[0]: 1})
-    ],
-    blend.Blend: lambda: [blend.Blend(config, 4) for config in MACHINES],
-    cascade.Pair: lambda: [cascade.Pair(TINY, 4)],
-    colour.Colour: lambda: of_projection(colour.Colour),
-    compare.Compare: lambda: [compare.Compare(FORMAT, 1)],
-    compensation.Product: lambda: [compensation.Product(config, 1) for config in COMPENSATING],
-    convert.Convert: lambda: [convert.Convert(FORMAT, FORMAT, 1)],
-    convert.FromFixed: lambda: [
-        convert.FromFixed(FIXED, FORMAT, 1, scale) for scale in (None, range(4))
-    ],
-    convert.ToFixed: lambda: [
-        convert.ToFixed(FORMAT, FIXED, 1, scale) for scale in (None, range(4))
-    ],
-    counters.Counters: lambda: [counters.Counters(("events",))],
-    credit.Credit: lambda: [credit.Credit(2, "items")],
-    evaluate.Evaluate: lambda: [evaluate.Evaluate(TINY, 0)],
-    fetch.Fetch: lambda: [fetch.Fetch(TINY, 16, 8, marks=marks) for marks in (False, True)],
-    fetch.FetchBeats: lambda: [fetch.FetchBeats(TINY, 16, 8)],
-    fetch.Unpack: lambda: [fetch.Unpack(TINY, 8)],
-    float.Round: lambda: [
-        float.Round(FORMAT, float.operand(FORMAT), 1, latency.spread(0, {"round": 1}))
-    ],
-    float.Unpack: lambda: [float.Unpack(FORMAT)],
-    look_up.LookUp: lambda: [look_up.LookUp(replace(PAPER, sh_degree=k)) for k in (0, 1)],
-    minmax.Choice: lambda: [minmax.Choice(FORMAT)],
-    minmax.Clamp: lambda: [minmax.Clamp(FORMAT)],
-    minmax.Maximum: lambda: [minmax.Maximum(FORMAT)],
-    multiply.Multiply: lambda: [multiply.Multiply(FORMAT, 1)],
-    rasterizer.Rasterizer: lambda: [rasterizer.Rasterizer(TINY, 0)],
-    store.Store: lambda: [store.Store(TINY, 2)],
-    streams.Fork: lambda: [streams.Fork(8, 2)],
-    streams.Pipe: lambda: [streams.Pipe(2)],
-    streams.Queue: lambda: [streams.Queue(8, 4)],
-    streams.Register: lambda: [streams.Register(8)],
-    streams.Slot: lambda: [streams.Slot(8)],
-    streams.Stage: lambda: [streams.Stage(8)],
-    terms.Terms: lambda: [terms.Terms(config, 8) for config in (TINY, MACHINES[-1])],
-    turns.Turns: lambda: [turns.Turns(2)],
-    unary.Lookup: lambda: [
-        unary.Lookup(functions.datapath("reciprocal", fraction)) for fraction in range(4, 20)
-    ],
-    unary.Unary: lambda: [unary.Unary("rsqrt", FORMAT, 1)],
-    unary_ends.Pack: lambda: [unary_ends.Pack("rsqrt", FORMAT)],
-    unary_ends.Unpack: lambda: [unary_ends.Unpack("rsqrt", FORMAT)],
-    words.Words: lambda: [words.Words(DEFAULT, 4)],
-    write_combiner.WriteCombiner: lambda: [write_combiner.WriteCombiner(TINY, 4)],
-} | {
-    kind: lambda kind=kind: [kind(config) for config in COMPENSATING]
-    for kind in (compensation.Fade, compensation.Log, compensation.LogSum, compensation.Minor)
-}
-"""Components that take other arguments than a `Config`, or not every `Config`: some instances."""
+SOME = {
+    "config": MACHINES, "format": [FORMAT], "source": [FORMAT], "target": [FORMAT],
+    "fixed": [FIXED], "scale": [None, range(4)], "function": ["rsqrt"], "shape": [8],
+    "names": [("events",)], "items": ["items"], "program": [microprogram.program("place")],
+    "late": [{}, {"culled": 1}], "marks": [False, True], "beats": [2], "number": [0],
+    "rasterizer": [0], "latency": [1], "base": [8], "count_bits": [8], "depth": [16],
+    "layout": [float.operand(FORMAT)], "zeros": [1],
+    "registers": [latency.spread(0, {"round": 1})],
+    "path": [functions.datapath("reciprocal", fraction) for fraction in range(4, 20)],
+}  # fmt: skip
+"""Arguments of constructors, by name; others are 4 if they are required."""
 
 
 def components() -> list[type[wiring.Component]]:
@@ -149,10 +84,32 @@ def name_of(kind: type) -> str:
     return f"{kind.__module__.removeprefix(PREFIX)}.{kind.__name__}"
 
 
+def of_projection(kind: type) -> list[wiring.Component]:
+    """The parts of a kind that make colours, from all machines."""
+    parts = [project.Project(config).colour for config in MACHINES]
+    return [part for part in parts if isinstance(part, kind)]
+
+
 @cache
 def instances(kind: type[wiring.Component]) -> list[wiring.Component]:
-    """The component in several machines."""
-    return MADE[kind]() if kind in MADE else [kind(config) for config in MACHINES]
+    """The component in several machines, and with several arguments."""
+    if kind is colour.Colour:
+        return of_projection(kind)
+    given = dict(SOME)
+    if kind in COMPENSATED:
+        given["config"] = [config for config in MACHINES if config.compensates]
+    elif kind is look_up.LookUp:
+        given["config"] = [replace(PAPER, sh_degree=k) for k in (0, 1)]
+    elif kind is words.Words:
+        given["config"] = [DEFAULT]
+    elif kind is convert.Convert:
+        given["scale"] = [0]
+    taken = {
+        name: given.get(name, [4])
+        for name, parameter in inspect.signature(kind).parameters.items()
+        if parameter.default is inspect.Parameter.empty or name in ("scale", "late", "marks")
+    }
+    return [kind(**dict(zip(taken, values, strict=True))) for values in product(*taken.values())]
 
 
 ENTRY = re.compile(r"    (\w+(?:, \w+)*): (\S.*)")
@@ -212,7 +169,6 @@ def test_parameters_and_internal_signals_exist(kind):
 
 def test_all_components_are_found():
     assert len(COMPONENTS) > 80
-    assert MADE.keys() <= set(COMPONENTS)
 
 
 class Right(wiring.Component):
