@@ -3,10 +3,13 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
+from importlib import import_module
+from pkgutil import iter_modules
 
 from amaranth.lib import wiring
 
 from splatcore.sim.rtl.formal import cover, prove, search
+from tb import formal
 from tb.helpers.parts import SideBySide
 
 Make = Callable[[], wiring.Component]
@@ -67,3 +70,14 @@ def side_by_side(
     found = {fault: about for table in faults.values() for fault, about in table.items()}
     judges = {fault: Part(parts[name]) for name, table in faults.items() for fault in table}
     return Proof({"all": whole}, found, judges)
+
+
+def proofs() -> dict[str, Proof]:
+    """Every `PROOF` in `tb/formal`, by file."""
+    names = [found.name for found in iter_modules(formal.__path__)]
+    modules = {name: import_module(f"tb.formal.{name}") for name in names}
+    return {
+        name.removesuffix("_faults"): module.PROOF
+        for name, module in modules.items()
+        if hasattr(module, "PROOF")
+    }

@@ -1,26 +1,15 @@
 """Proofs of components: each holds, its cases are reached, and each planted fault breaks it."""
 
-from importlib import import_module
-from pkgutil import iter_modules
-
 import pytest
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.sim.rtl.formal import ProofError, prove
-from tb import formal
-from tb.formal.proof import Proof
+from tb.formal.proof import proofs
 from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
 
-MODULES = {found.name: import_module(f"tb.formal.{found.name}")
-           for found in iter_modules(formal.__path__)}  # fmt: skip
-PROOFS: dict[str, Proof] = {
-    name.removesuffix("_faults"): module.PROOF
-    for name, module in MODULES.items()
-    if hasattr(module, "PROOF")
-}
-"""Every `PROOF` in `tb/formal`, by file."""
+PROOFS = proofs()
 
 PARTS = [
     pytest.param(name, part, marks=[pytest.mark.verify] * proof.parts[part].verify)

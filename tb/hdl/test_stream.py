@@ -24,10 +24,10 @@ def run(held: int, stall: float = 0) -> dict[str, np.ndarray]:
     return items().check(part, stall=stall, constants=constants).samples
 
 
-def transfers(name: str, *how) -> tuple[np.ndarray, np.ndarray]:
+def transfers(name: str, held: int, stall: float = 0) -> tuple[np.ndarray, np.ndarray]:
     """One bit per cycle: an item enters, an item leaves."""
     place = list(PROMISES).index(name)
-    return tuple(run(*how)[way].astype(int) >> place & 1 for way in ("comes", "goes"))
+    return tuple(run(held, stall)[way].astype(int) >> place & 1 for way in ("comes", "goes"))
 
 
 def check(name: str, promise: Promise):
@@ -64,6 +64,16 @@ def test_broken_promise_is_found(name, promise):
     wrong = {promise: getattr(PROMISES[name], promise) - 1}
     with pytest.raises(AssertionError):
         check(name, replace(PROMISES[name], **wrong))
+
+
+@pytest.mark.slow
+def test_a_wrong_bit_is_named():
+    case = items()
+    case.expected["queue_5__o"] = case.expected["queue_5__o"].copy()
+    case.expected["queue_5__o"][ITEMS // 2, 0] ^= 1
+    part = compiled(Primitives, samples=("comes", "goes", *LEVELS))
+    with pytest.raises(AssertionError, match=f"queue_5__o: 1 differ, first {ITEMS // 2}"):
+        case.check(part)
 
 
 @pytest.mark.filterwarnings("ignore::amaranth.hdl.UnusedElaboratable")

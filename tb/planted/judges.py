@@ -13,7 +13,7 @@ MACHINE = (
 )
 DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
-STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
+STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
@@ -43,7 +43,7 @@ QUICK = {
     "memory/words": "tb/hdl/test_words.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points": STAGE.format("project"),
-    "points/array": "tb/hdl/test_array.py -k stalls",
+    "points/array": STAGE.format("cull or place or project"),
     "points/check": "tb/hdl/test_check.py",
     "points/chunk": "tb/hdl/test_chunk.py -k mixed",
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
