@@ -10,7 +10,7 @@ from splatcore.spec import axi as spec
 from splatcore.spec.config import TINY, Config
 from tb.formal.axi_master import Master
 from tb.formal.proof import Part, Proof
-from tb.helpers.ports import other_port, wide_addresses
+from tb.helpers.configs import other_port, wide_addresses
 from tb.planted.fault import planted_in
 
 COVER_DEPTH = 12  # cycles within which every cover is reached

@@ -17,7 +17,7 @@ from splatcore.spec.config import TINY, Config
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.registers import FRAME_BITS, ErrorCode
 from tb.formal.axi_rules import Around
-from tb.helpers.ports import wide_addresses
+from tb.helpers.configs import wide_addresses
 
 QUIET = 4  # consecutive cycles for which a failing half is idle on the bus before it is reset
 

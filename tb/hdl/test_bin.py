@@ -21,7 +21,6 @@ from splatcore.spec.group import entry_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.point import splat_record
 from tb.helpers.bin_frames import (
-    MACHINES,
     Ellipses,
     Frame,
     bin_frame,
@@ -31,8 +30,11 @@ from tb.helpers.bin_frames import (
     read_lists,
 )
 from tb.helpers.bin_splats import FADED, KINDS, splats, together
+from tb.helpers.configs import MACHINES, machines
 from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
+
+BINNING = machines("DEFAULT TINY SHORT SQUARE PAPER FP16")
 
 RATIO = {"needle": 1.2, "vast": 1.05}
 """Largest ratio of tiles found to exact tiles, if not `RATIO_MAX`: for needles and splats of
@@ -188,7 +190,7 @@ def check_cycles(run, results: list[Binned]):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(k, marks=pytest.mark.verify if k == "SQUARE" else ()) for k in MACHINES],
+    [pytest.param(k, marks=pytest.mark.verify if k == "SQUARE" else ()) for k in BINNING],
 )
 def test_hardware_equals_golden(name):
     """Frames of several sizes in one run: no frame leaves state for the next."""

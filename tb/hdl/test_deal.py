@@ -1,7 +1,5 @@
 """Stage 2's front end against its golden model: rounds, buckets, jobs."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from amaranth.hdl import Module
@@ -25,17 +23,11 @@ from splatcore.spec.sort import (
     line_record,
     listed_record,
 )
+from tb.helpers.configs import MACHINES
 from tb.helpers.parts import forward
 from tb.helpers.runs import Case, compiled, faults_are_found
 from tb.planted.fault import planted_in
 from tb.stages.sorting import entries_for, spill_case
-
-MACHINES = {
-    "TINY": TINY,
-    "DEFAULT": DEFAULT,
-    "NARROW": replace(TINY, sort_digits=(1,) * 8),
-}
-
 
 KINDS = (*KEYS, "tied")
 

@@ -17,9 +17,9 @@ from splatcore.spec.axi import (
     read_record,
 )
 from splatcore.spec.config import DEFAULT, Config
+from tb.helpers.configs import PORTS
 from tb.helpers.memory_port import answer_reads
 from tb.helpers.parts import forward
-from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
 COUNT_BITS = 10

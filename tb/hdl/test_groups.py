@@ -20,9 +20,9 @@ from splatcore.spec.number import Bits
 from splatcore.spec.raster import position_record
 from splatcore.spec.record import Record
 from splatcore.spec.work import table_record
+from tb.helpers.configs import other_port
 from tb.helpers.memory_port import answer_reads
 from tb.helpers.parts import forward
-from tb.helpers.ports import other_port
 from tb.helpers.runs import Case, compiled
 
 pytestmark = pytest.mark.slow

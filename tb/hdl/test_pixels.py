@@ -32,8 +32,8 @@ from splatcore.spec.raster import (
 )
 from splatcore.spec.record import Codes, Record
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, STRIDE_BITS, stride
+from tb.helpers.configs import machines, other_port
 from tb.helpers.memory_port import Writes
-from tb.helpers.ports import other_port
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -42,14 +42,9 @@ SPAN_CYCLES = 2 * BLOCK  # per span of `DEFAULT`, at most
 GROUP_CYCLES = 64 * 64 * PIXEL // axi.port_bytes(DEFAULT) + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
-OTHERS = {
-    "one": replace(TINY, name="ONE", rasterizers=1, group=1),
-    "eight": replace(DEFAULT, name="EIGHT", rasterizers=8),
-    "port": other_port(DEFAULT),
-    "small port": other_port(TINY),
-}
-VERIFIED = ("one", "eight")
-CONFIGS = {"DEFAULT": DEFAULT, "TINY": TINY} | OTHERS
+PORTS = {"port": other_port(DEFAULT), "small port": other_port(TINY)}
+VERIFIED = ("ONE", "EIGHT")
+CONFIGS = machines("DEFAULT TINY ONE EIGHT") | PORTS
 
 SIZES = ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3), (32, 32), (64, 61))
 LARGE_SIZES = ((200, 130), (1, 1), (129, 64), (64, 260), (340, 60))

@@ -28,6 +28,7 @@ from splatcore.spec.raster import curvature_formats, featured_record, readied_re
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.bounds import RULE
+from tb.helpers.configs import MACHINES
 from tb.helpers.machines import NEEDLES, long_needles
 from tb.helpers.runs import Case, compiled
 from tb.helpers.scene_frames import parameters
@@ -42,8 +43,7 @@ from tb.stages.raster import (
     random_features,
 )
 
-ONE = replace(DEFAULT, rasterizers=1)
-FEW = replace(TINY, name="FEW", rasterizers=8, group=1, logic="fpga")  # two blocks per rasterizer
+ONE, FEW = MACHINES["SINGLE"], MACHINES["FEW"]
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 

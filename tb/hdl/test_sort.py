@@ -1,6 +1,5 @@
 """Stage 2 against its golden model: order, marks, stops, cycles."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,34 +14,16 @@ from splatcore.sim.bench.sort import BOUND, BOUND_FROM
 from splatcore.sim.bench.sort_rows import KEYS, entries_of
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Result, Simulation
-from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.config import TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
+from tb.helpers.configs import MACHINES, machines
 from tb.helpers.runs import compiled, counters, faults_are_found
 from tb.stages.sorting import sort_case
 
-MACHINES = {
-    "TINY": TINY,
-    "DEFAULT": DEFAULT,
-    "four": replace(
-        TINY, sub_sorter="trees", sub_sorters=4, merge_ways=16, sort_digits=PAPER.sort_digits
-    ),
-    "one": replace(TINY, sub_sorter="trees", sub_sorters=1, merge_ways=2, sort_digits=(1,) * 23),
-    "three": replace(
-        TINY,
-        sub_sorter="trees",
-        sub_sorters=3,
-        merge_ways=8,
-        sub_sorter_entries=32,
-        sort_digits=(5, 3),
-    ),
-}
+SORTERS = machines("TINY DEFAULT four one three")
 
 SAMPLES = ("o__valid", "o__payload")
-
-NARROW = replace(TINY, sort_digits=(1,) * 8)
-CONFIGS = MACHINES | {"NARROW": NARROW}
-"""With `NARROW` for planted faults: there are many, and small machines compile fast."""
 
 MIXED = (30, 5, 0, 0, 64, 63, 1, 33, 57, 16, 17, 15, 48)
 """Lengths around a batch and a half of TINY."""
@@ -50,7 +31,7 @@ MIXED = (30, 5, 0, 0, 64, 63, 1, 33, 57, 16, 17, 15, 48)
 
 def check(name: str, kind: str, counts, part=None, last=1, **options) -> Result:
     """Run, and compare every stream with the golden model's. last: per job, it ends a group."""
-    config = CONFIGS[name]
+    config = MACHINES[name]
     entries = entries_of(config, kind, counts, options.get("seed", 0))
     part = part or compiled(Sort, config, samples=SAMPLES)
     case = sort_case(config, counts, entries, last)
@@ -106,7 +87,7 @@ def test_whole_halves_equal_golden(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", SORTERS)
 def test_cycles_of_a_list(name, kind):
     """Within `BOUND` (except with a single sub-sorter) and 3 % of the model, for any keys."""
     config = MACHINES[name]
@@ -120,7 +101,7 @@ def test_cycles_of_a_list(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", SORTERS)
 def test_cycles_of_many_groups(name):
     """As in the model; 2 per entry and some per group, if one sub-sorter loads as another sends."""
     config, random = MACHINES[name], np.random.default_rng(5)
@@ -219,4 +200,4 @@ def check_all(part: Simulation, fault: int):
             check("NARROW", kind, counts, part, last, stall=stall, seed=seed, constants=constants)
 
 
-test_fault_is_found = faults_are_found(lambda: Sort(NARROW), FAULTS, check_all)
+test_fault_is_found = faults_are_found(lambda: Sort(MACHINES["NARROW"]), FAULTS, check_all)

@@ -9,29 +9,20 @@ from splatcore.golden.sort import sub_sort
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.sim.bench.sort_rows import random_keys
 from splatcore.sim.eda.synth import DEPTH_MAX, gates
-from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.config import TINY
 from splatcore.spec.sort import digits, phases, ranked_record
+from tb.helpers.configs import machines
 from tb.helpers.runs import compiled
 from tb.stages.sorting import KEYS, batch_case, batches_of
 
-MACHINES = {
-    "default": DEFAULT,
-    "paper": PAPER,
-    "short": replace(PAPER, sub_sorter_entries=32),
-    "tiny": TINY,
-    "bits": replace(TINY, sort_digits=(1,) * 8),
-    "largest": replace(PAPER, sub_sorter_entries=512, sort_digits=(1,) * 8),
-    "narrow": replace(TINY, sort_digits=(4, 4)),
-    "uneven": replace(DEFAULT, sub_sorter_entries=32, sort_digits=(1, 4, 2, 3, 5)),
-    "pairs": replace(DEFAULT, sub_sorter_entries=32, sort_digits=(2,) * 11 + (1,)),
-}
-LONG = ("paper", "largest")
-"""Sizes that take minutes to compile; "short" and "bits" are the same with fewer entries."""
+SUB_SORTERS = machines("DEFAULT PAPER short TINY NARROW largest digits uneven pairs")
+LONG = ("PAPER", "largest")
+"""Sizes that take minutes to compile; "short" and "NARROW" are the same with fewer entries."""
 
 
 def run(name: str, batches: list[np.ndarray], **options):
     """Run, and compare with the golden model."""
-    config = MACHINES[name]
+    config = SUB_SORTERS[name]
     result = batch_case(config, batches, drop=0).check(compiled(SubSorter, config), **options)
     assert result.ports["idle"]
     return result
@@ -40,19 +31,19 @@ def run(name: str, batches: list[np.ndarray], **options):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(k, marks=pytest.mark.verify if k in LONG else ()) for k in MACHINES],
+    [pytest.param(k, marks=pytest.mark.verify if k in LONG else ()) for k in SUB_SORTERS],
 )
 def test_equals_stable_sort(name):
     for seed, stall in enumerate((0, 0.3, 0.7)):
-        run(name, batches_of(MACHINES[name], 40, seed), stall=stall, seed=seed)
+        run(name, batches_of(SUB_SORTERS[name], 40, seed), stall=stall, seed=seed)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["default", "short", "pairs"])
+@pytest.mark.parametrize("name", ["DEFAULT", "short", "pairs"])
 @pytest.mark.parametrize("kind", KEYS)
 def test_two_cycles_per_entry(kind, name):
     """For any keys: loading, each phase once, then 2 cycles per entry."""
-    config, random = MACHINES[name], np.random.default_rng(1)
+    config, random = SUB_SORTERS[name], np.random.default_rng(1)
     for count in (1, 2, config.sub_sorter_entries // 2 + 1, config.sub_sorter_entries):
         keys = KEYS[kind](config.sort_key_bits, count, random)
         fill = 2 * len(phases(config))
@@ -64,7 +55,7 @@ def test_two_cycles_per_entry(kind, name):
 @pytest.mark.slow
 def test_drop():
     """A drop in any cycle discards the batch; the next one is sorted as if it were the first."""
-    config, random = MACHINES["tiny"], np.random.default_rng(2)
+    config, random = SUB_SORTERS["TINY"], np.random.default_rng(2)
     keys = random_keys(config.sort_key_bits, 13, random)
     rows = batch_case(config, [keys] * 3).inputs
     for moment in range(41):  # the first batch has gone by then
@@ -96,7 +87,7 @@ def test_no_path_is_too_deep():
         assert gates(SubSorter(config)).speed_depth <= DEPTH_MAX
 
 
-@pytest.mark.parametrize("machine", MACHINES.values(), ids=MACHINES)
+@pytest.mark.parametrize("machine", SUB_SORTERS.values(), ids=SUB_SORTERS)
 def test_phases_hold_every_digit_once(machine):
     found = [digit for phase in phases(machine) for cycle in phase for digit in cycle]
     assert found == digits(machine)

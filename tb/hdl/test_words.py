@@ -12,9 +12,9 @@ from splatcore.sim.rtl.streams import Result
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, read_record
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
+from tb.helpers.configs import PORTS
 from tb.helpers.memory_port import answer_reads
 from tb.helpers.parts import forward
-from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
 LENGTH_MAX = 4  # beats per burst

@@ -9,8 +9,8 @@ from splatcore.spec.config import Config
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Array, Record
 from splatcore.spec.work import FEATURE, SLOT
+from tb.helpers.configs import PORTS
 from tb.helpers.memory_port import Writes
-from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
 WORD = 8  # bytes of the words that slots consist of here

@@ -1,6 +1,6 @@
 """Binning under test: frame registers as a stream, frames as rows, exact tiles."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from amaranth.hdl import Cat, Module, Mux, Signal
@@ -14,7 +14,7 @@ from splatcore.hdl.lib.holds import holds
 from splatcore.hdl.lib.record import layout
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
-from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MIN, TILE
 from splatcore.spec.feature import feature_record
 from splatcore.spec.frame import POWER_SCALE
@@ -25,15 +25,6 @@ from splatcore.spec.point import splat_record
 from splatcore.spec.record import Record
 from tb.helpers.parts import forward
 from tb.helpers.runs import Case, compiled, counters
-
-SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
-"""A machine whose keys do not cover all depths, and whose groups are single tiles."""
-
-SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
-
-FP16 = replace(PAPER, name="FP16", tile_test="exact")
-
-MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, SQUARE, PAPER, FP16)}
 
 SIZE_BITS = 13
 

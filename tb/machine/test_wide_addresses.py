@@ -12,8 +12,8 @@ from splatcore.spec.axi import ADDRESS_BITS
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import high_registers
 from splatcore.spec.sort import half_entries
+from tb.helpers.configs import wide_addresses
 from tb.helpers.machines import check, garden, view
-from tb.helpers.ports import wide_addresses
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ import pytest
 from splatcore.sim.eda.register_files import DRIVER, FILES, fields, write_register_files
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import ErrorCode, register_map
-from tb.helpers.ports import MAPS
+from tb.helpers.configs import MAPS
 
 HEADERS = "stdint limits errno stdio stdlib math stddef stdbool string inttypes signal float"
 LANGUAGES = {"c": ["gcc", "-std=gnu17"], "c++": ["g++", "-std=gnu++20"]}

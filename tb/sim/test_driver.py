@@ -17,8 +17,8 @@ from splatcore.spec.memory import HEADER
 from splatcore.spec.record import Array
 from splatcore.spec.registers import START, ErrorCode, addresses, register_map
 from splatcore.spec.work import scratch_bytes, stride, work
+from tb.helpers.configs import MAPS
 from tb.helpers.driver_host import MAIN
-from tb.helpers.ports import MAPS
 
 COMPILE = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 

@@ -13,7 +13,7 @@ from systemrdl.rdltypes import OnWriteType
 from splatcore.sim.eda.register_files import fields, write_register_files
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import ErrorCode, register_map
-from tb.helpers.ports import MAPS
+from tb.helpers.configs import MAPS
 
 READ, WRITTEN = ("read", "write", "frame", "clear"), ("write", "frame", "clear", "control")
 

@@ -11,7 +11,7 @@ from splatcore.spec import registers
 from splatcore.spec.axi import RENDERING
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.registers import READY, START, ErrorCode, register_map
-from tb.helpers.ports import MAPS, wide_addresses
+from tb.helpers.configs import MAPS, wide_addresses
 
 
 @pytest.fixture(params=MAPS, ids=lambda config: config.name)
