@@ -5,12 +5,13 @@ import pytest
 
 from splatcore.hdl.binning.binned import WRITING, Binned
 from splatcore.hdl.lib.record import AREA
-from splatcore.spec.axi import BEAT, port_bytes, write_record
+from splatcore.spec.axi import BEAT
 from splatcore.spec.binning import burst_record, group_record, groups_max
-from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.feature import feature_record
 from splatcore.spec.record import Record
 from splatcore.spec.work import FEATURE, SLOT
+from tb.helpers.memory_port import Writes
 from tb.helpers.runs import compiled
 
 pytestmark = [
@@ -30,20 +31,6 @@ def noise(rng: np.random.Generator, record: Record, count: int) -> np.ndarray:
     rows = rng.integers(0, 256, (count, record.size), np.uint8)
     rows[:, -1] &= 255 >> 8 * record.size - record.width
     return rows
-
-
-def written(config: Config, rows: np.ndarray) -> dict[int, int]:
-    """Return the bytes that a writer's rows write to memory, by address."""
-    codes, size = write_record(config).unpack(rows), port_bytes(config)
-    memory, place = {}, 0
-    for k in range(len(rows)):
-        start = BEAT * int(codes["beat"][k]) // size * size + size * place
-        for byte in range(size):
-            if int(codes["strobe"][k]) >> byte & 1:
-                word = int(codes[f"data{byte // 8}"][k])
-                memory[start + byte] = word >> 8 * (byte % 8) & 255
-        place = 0 if place == int(codes["length"][k]) else place + 1
-    return memory
 
 
 def placed(beat: int, rows: np.ndarray, size: int) -> dict[int, int]:
@@ -81,4 +68,5 @@ def test_work_area(config, stall):
         "groups": placed(PLACES["groups"], groups, SLOT),
     }
     for n, name in enumerate(WRITING):
-        assert written(config, result.outputs[f"writes__{n}"]) == expected[name], name
+        address, value = Writes.of(config, result.outputs[f"writes__{n}"]).bytes()
+        assert dict(zip(address.tolist(), value.tolist(), strict=True)) == expected[name], name

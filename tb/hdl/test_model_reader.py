@@ -15,9 +15,9 @@ from splatcore.spec.record import Codes
 from splatcore.spec.registers import ErrorCode, frame_registers
 from splatcore.spec.renderable import check_renderable
 from tb.helpers.colour_rows import random_model
+from tb.helpers.configs import PORTS
 from tb.helpers.model_memory import Image, check_reading
 from tb.helpers.point_rows import counts
-from tb.helpers.ports import PORTS
 
 NARROW, WIDE = PORTS.values()
 

@@ -12,11 +12,11 @@ from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec import axi, memory
 from splatcore.spec.config import Config
-from splatcore.spec.number import Bits
 from splatcore.spec.point import FETCH, WANTED
-from splatcore.spec.record import Array, Codes, Record
+from splatcore.spec.record import Codes, Record
 from tb.helpers.parts import forward
-from tb.helpers.runs import check_run, compiled
+from tb.helpers.point_rows import write_rows
+from tb.helpers.runs import Case, compiled
 
 Ranges = list[tuple[int, int]]
 """First beats and counts of beats."""
@@ -160,14 +160,6 @@ def pair_rows(record: Record, pairs: Ranges) -> np.ndarray:
     return record.pack(dict(zip(dict(record.fields), columns, strict=True)))
 
 
-def write_rows(config: Config, words: np.ndarray) -> np.ndarray:
-    """The codebook memory's words [N, 16] with their addresses."""
-    bits = (config.codebook // memory.CODEBOOK_WORD - 1).bit_length()
-    record = Record("write", {"address": Bits(bits), "word": Array(Bits(64), 2)})
-    address = np.arange(len(words), dtype=np.uint64)
-    return record.pack({"address": address, "word": words.view("<u8")})
-
-
 def check_reading(
     config: Config,
     image: Image,
@@ -205,7 +197,5 @@ def check_reading(
         beats = [(first * wide, count * wide) for first, count in asked]
         expected[f"bursts__{k}"] = burst_rows(config, divided(asked, unit))
         inputs[f"beats__{k}"] = image.beats(places(beats)).reshape(-1, axi.port_bytes(config))
-    return check_run(
-        compiled(Reading, config), inputs, expected, "model.",
-        constants={"start": np.array([1, 0]), "base": image.base}, **options,
-    )  # fmt: skip
+    case = Case(inputs, expected, {"start": np.array([1, 0]), "base": image.base})
+    return case.check(compiled(Reading, config), "model.", **options)

@@ -84,19 +84,33 @@ class FrameCase:
             job[name] = self.values[name.upper()] // BEAT
         return {"job": bits(job_layout(TINY), job)}
 
-    def numbers(self, ports: dict[str, int], before: Bytes, after: Bytes) -> dict:
-        """A case for `tb.testbenches.memory`.
+    def no_ports(self) -> dict[str, int]:
+        return {}
 
-        ports: constant during the frame
-        before, after: contents of memory before, and expected contents after the frame
-        """
-        return {
-            "ports": ports,
-            "registers": self.values,
-            "memory": self.memory,
-            "before": [(address, given.hex()) for address, given in before],
-            "after": [(address, given.hex()) for address, given in after],
-        }
+
+@dataclass(frozen=True, eq=False)
+class MemoryCase:
+    """A frame for a stage on memory.
+
+    ports: of the stage, constant during the frame
+    registers: values of the frame's registers
+    memory: its size in bytes
+    before, after: contents of memory before, and expected contents after the frame
+    """
+
+    ports: dict[str, int]
+    registers: dict[str, int]
+    memory: int
+    before: Bytes
+    after: Bytes
+
+    def numbers(self) -> dict:
+        """Convert to JSON values."""
+        before, after = (
+            [(address, given.hex()) for address, given in part]
+            for part in (self.before, self.after)
+        )
+        return vars(self) | {"before": before, "after": after}
 
 
 def bits(layout: data.Layout, values: dict) -> int:
@@ -123,7 +137,7 @@ def jobs() -> dict[str, Job]:
 
 
 @cache
-def frame_cases() -> dict[str, FrameCase]:
+def frames() -> dict[str, FrameCase]:
     """The frames, each with its own model and image; they share one work area."""
     given, found = jobs(), {}
     models = [job.model for job in given.values()]
@@ -142,3 +156,14 @@ def frame_cases() -> dict[str, FrameCase]:
     }
     assert np.diff(found["full"].golden.start).max() > half_entries(TINY)
     return found
+
+
+def frame_cases(ports: str, before: str, after: str) -> dict[str, MemoryCase]:
+    """The frames for a stage. ports, before, after: methods of `FrameCase`."""
+    return {
+        name: MemoryCase(
+            getattr(frame, ports)(), frame.values, frame.memory,
+            getattr(frame, before)(), getattr(frame, after)(),
+        )
+        for name, frame in frames().items()
+    }  # fmt: skip
