@@ -4,11 +4,12 @@ Source: Fan et al., "LightGaussian" (2024), section 3.2: the sum over views and 
 opacity·T, and the volume normalised by the 90th percentile and damped by an exponent.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from splatcore.model.gradients.drawn import blending_weights
+from splatcore.model.gradients.finetune import Progress
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
@@ -22,18 +23,19 @@ def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray
 
 
 def significance(
-    scene: Scene, cameras: Sequence[Camera], progress: Callable[[int, int], None] | None = None
+    scene: Scene, cameras: Sequence[Camera], progress: Progress | None = None, phase: str = ""
 ) -> np.ndarray:
     """Significance [N]: Σ alpha·T over views and pixels, times the volume term.
 
     progress: called with the number of finished cameras, and of all
+    phase: begins the name for `progress`
     Returns 0 for Gaussians that no view shows.
     """
     total = np.zeros(len(scene))
     for number, weight in enumerate(view_weights(scene, cameras)):
         total += weight
         if progress:
-            progress(number + 1, len(cameras))
+            progress(f"{phase}: weighing Gaussians", number + 1, len(cameras), None)
     volume = scene.scale.prod(axis=1)
     large = np.percentile(volume, VOLUME_PERCENTILE) if len(volume) else 0.0
     if large > 0:

@@ -68,11 +68,6 @@ class Header:
         return f"{self.count} Gaussians of SH degree {self.degree}"
 
 
-def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes mark an SPZ file or a gzip stream."""
-    return start.startswith((SPZ_MAGIC, GZIP_MAGIC))
-
-
 def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     """Read the scene of an SPZ file, converted to the axes of PLY.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,6 +24,16 @@ LAPS = 4  # rounds over the views before a new random order is drawn
 FLOOR = 1e-10  # added to the mean squared error, whose root has an infinite gradient at 0
 
 SMOOTHING = 0.95  # weight of the past in the moving average of the loss
+
+
+class Run(NamedTuple):
+    """A run of steps of Adam."""
+
+    phase: str  # name for `progress` and for messages
+    steps: int
+    left: float  # final share of the learning rates
+    progress: Progress
+    kept: Unfinished | None = None  # saved state to resume from, and to save to
 
 
 def views_in_turn(targets: Sequence, seed: int) -> Iterator:
@@ -52,23 +63,16 @@ def difference(picture: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
 
 
 def optimise(
-    optimizers: Optimizers,
-    steps: int,
-    loss_of: Callable[[int], torch.Tensor],
-    progress: Progress,
-    phase: str,
-    left: float,
-    kept: Unfinished | None = None,
+    optimizers: Optimizers, run: Run, loss_of: Callable[[int], torch.Tensor]
 ) -> float | None:
-    """Take `steps` steps of Adam; return the mean recent loss.
+    """Take the steps of a run; return the mean recent loss.
 
     loss_of: the loss of a step
-    phase: name for `progress` and for messages
-    left: final share of the learning rates, which rise during warm-up and then decay exponentially
-    kept: saved state to resume from, and to save to
 
-    Raises InputError naming the step if the loss is NaN or infinite; that step changes nothing.
+    Learning rates rise during warm-up and then decay exponentially. Raises InputError naming the
+    step if the loss is NaN or infinite; that step changes nothing.
     """
+    phase, steps, left, progress, kept = run
     falling = left ** (1 / max(steps, 1))
     full = {name: optimizer.param_groups[0]["lr"] for name, optimizer in optimizers.items()}
     done, mean = kept.load(optimizers) if kept else (0, None)
@@ -94,26 +98,21 @@ def finetune(
     tensors: Tensors,
     optimizers: Optimizers,
     targets: Sequence[Target],
-    steps: int,
     seed: int,
-    progress: Progress,
-    phase: str,
-    left: float,
+    run: Run,
     parameters: Callable[[Tensors], tuple[torch.Tensor, ...]] = rendered,
-    kept: Unfinished | None = None,
     antialiased: bool = False,
 ) -> float | None:
     """Fit a scene to its targets by `difference`; return the mean recent loss.
 
-    progress, phase, left, kept: as for `optimise`
     parameters: converts the tensors to arguments of `differentiable.render`
     antialiased: the scene's mark
     """
-    views = list(islice(views_in_turn(targets, seed), steps))
+    views = list(islice(views_in_turn(targets, seed), run.steps))
 
     def loss_of(step: int) -> torch.Tensor:
         camera = views[step].camera
         picture = render(*parameters(tensors), camera, antialiased=antialiased).image
         return difference(picture, as_tensor(views[step].image, picture))
 
-    return optimise(optimizers, steps, loss_of, progress, phase, left, kept)
+    return optimise(optimizers, run, loss_of)

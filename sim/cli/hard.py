@@ -5,8 +5,8 @@ from pathlib import Path
 import typer
 
 from splatcore.model.generate.hard import HARD
-from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.model.generate.hard_case import PSNR_MIN
+from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.sim.cli import options
 from splatcore.sim.cli.commands import COMMANDS
 from splatcore.sim.cli.render_rtl import TimingOption

@@ -20,6 +20,7 @@ from splatcore.model.gradients import finetune as finetune_module
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.finetune import (
     LAPS,
+    Run,
     difference,
     finetune,
     optimise,
@@ -190,7 +191,7 @@ def test_every_view_is_learned_from(scene, targets, monkeypatch):
 
     monkeypatch.setattr(finetune_module, "render", noted)
     tensors = tensors_of(scene)
-    finetune(tensors, optimizers(tensors, 1.0), targets, len(targets), 0, nothing, "test", 0.3)
+    finetune(tensors, optimizers(tensors, 1.0), targets, 0, Run("test", len(targets), 0.3, nothing))
     assert {*seen} == {target.camera for target in targets} and len(seen) == len(targets)
 
 
@@ -211,7 +212,7 @@ def test_a_perfect_picture_moves_nothing():
 def test_finetuning_helps(scene, targets):
     tensors = tensors_of(replace(scene, sh=scene.sh * 0.9))
     before = decibels(scene_of(tensors), targets)
-    finetune(tensors, optimizers(tensors, 1.0), targets, 30, 0, nothing, "test", 0.3)
+    finetune(tensors, optimizers(tensors, 1.0), targets, 0, Run("test", 30, 0.3, nothing))
     assert decibels(scene_of(tensors), targets) > before + 1
 
 
@@ -228,7 +229,7 @@ def test_learning_rates_rise_then_fall():
         def loss(_, leaves=leaves) -> torch.Tensor:
             return sum(leaf.sum() for leaf in leaves.values())
 
-        optimise(adams, 200, loss, progress, "test", left)
+        optimise(adams, Run("test", 200, left, progress), loss)
         rates = np.array(seen)
         assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
         assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
@@ -241,10 +242,10 @@ def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, 
     decays almost to 0 and quantisation starts again at a fifth."""
     seen, learn = {}, finetune_module.optimise
 
-    def noted(optimizers, steps, loss_of, progress, phase, left, kept):
+    def noted(optimizers, run, loss_of):
         rates = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
-        seen[phase] = rates, left
-        return learn(optimizers, steps, loss_of, progress, phase, left, kept)
+        seen[run.phase] = rates, run.left
+        return learn(optimizers, run, loss_of)
 
     monkeypatch.setattr(finetune_module, "optimise", noted)
     recipe = replace(RECIPE, degree=degree, schedule=(0.3,), distill_steps=0)

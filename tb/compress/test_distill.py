@@ -21,6 +21,7 @@ from splatcore.model.compress.teacher import (
     unpacked_picture,
 )
 from splatcore.model.gradients.differentiable import render as torch_render
+from splatcore.model.gradients.finetune import Run
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0
@@ -30,12 +31,15 @@ from tb.helpers.compression_scene import nothing
 SMALL = (48, 32)
 
 
+def run(steps: int) -> Run:
+    return Run("test", steps, 0.3, nothing)
+
+
 def test_distilling(scene, cameras):
     """Fewer harmonics beat truncated ones by 0.1 dB after least squares, 0.3 dB after teaching."""
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
     wanted = list(pictures(strong, cameras))
-    recipe = Recipe(rate=0.3, distill_steps=40)
-    student, loss = distill(strong, 1, cameras, 1.0, recipe, nothing, "test")
+    student, loss = distill(strong, 1, cameras, 1.0, Recipe(rate=0.3), run(40))
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
     cut = decibels(strong.with_sh_degree(1), wanted)
     assert decibels(scene_of(student), wanted) > cut + 0.3
@@ -56,7 +60,7 @@ def test_least_squares_of_harmonics(scene, cameras):
 
 
 def test_it_begins_with_least_squares(scene, cameras):
-    student, loss = distill(scene, 1, cameras, 1.0, Recipe(distill_steps=0), nothing, "test")
+    student, loss = distill(scene, 1, cameras, 1.0, Recipe(), run(0))
     assert loss is None and np.allclose(scene_of(student).sh, projected(scene, 1, cameras).sh)
 
 
@@ -81,7 +85,7 @@ def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
         return beside[-1]
 
     monkeypatch.setattr(distill_module, "perturbed", noted)
-    distill(scene, 1, cameras, 2.0, Recipe(distill_steps=40), nothing, "test")
+    distill(scene, 1, cameras, 2.0, Recipe(), run(40))
     assert 12 <= len(beside) <= 28
     away = [
         min(np.linalg.norm(camera.position - own.position) for own in cameras) for camera in beside
