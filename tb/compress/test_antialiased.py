@@ -34,9 +34,9 @@ def compensated(monkeypatch):
     """One flag per rendered picture: whether its opacities were compensated."""
     flags, right = [], drawn.Drawn.__init__
 
-    def recorded(self, arrays, camera, convention, antialiased):
+    def recorded(self, arrays, camera, antialiased):
         flags.append(antialiased)
-        right(self, arrays, camera, convention, antialiased)
+        right(self, arrays, camera, antialiased)
 
     monkeypatch.setattr(drawn.Drawn, "__init__", recorded)
     return flags

@@ -11,8 +11,8 @@ from splatcore.model.compress.compress import Compression, compress, decibels
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
 from splatcore.spec.config import DEFAULT
-from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import RECIPE, nothing
+from tb.helpers.refusal import refused
 
 
 @pytest.fixture
@@ -36,8 +36,7 @@ def test_max_drop(scene, targets, noisy, checkpoints, tmp_path):
     assert lost <= 3.0
     assert any(each.kind == "prune" for each in checkpoints.steps)
     strict, empty = replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", "")
-    with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
-        list(compress(scene, targets, strict, empty))
+    refused(r"--max-drop: 1e-06 dB cannot be kept", list, compress(scene, targets, strict, empty))
 
 
 def test_pruning_ends_where_rates_remove_nothing(scene, noisy, checkpoints):

@@ -15,9 +15,9 @@ from splatcore.model.generate.hard_case import together
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT
-from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
+from tb.helpers.refusal import refused
 from tb.helpers.scene_file import (
     compressed_ply_bytes,
     ply_bytes,
@@ -212,8 +212,7 @@ def test_joined_scenes_keep_the_mark(antialiased):
 def test_joined_scenes_of_different_marks(first):
     names = {first: "a", not first: "b"}
     message = f"^{names[True]} is antialiased, {names[False]} is not; choose --antialiased or "
-    with pytest.raises(InputError, match=message):
-        side_by_side([view(first, "a"), view(not first, "b")])
+    refused(message, side_by_side, [view(first, "a"), view(not first, "b")])
 
 
 def test_scenes_of_scenes_keep_the_mark():

@@ -19,6 +19,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, SLOPE, model_format
 from splatcore.spec.packed import PackedModel
 from tb.helpers.clouds import camera, cloud
+from tb.helpers.refusal import refused
 
 BYTES_MAX = 22
 
@@ -284,8 +285,7 @@ def test_files(tmp_path):
     (tmp_path / "a.splatcore").write_bytes(model.image.tobytes())
     assert is_packed(tmp_path / "a.splatcore") and not is_packed(tmp_path / "none")
     assert (read_model(tmp_path / "a.splatcore").image == model.image).all()
-    with pytest.raises(InputError, match="none"):
-        read_model(tmp_path / "none")
+    refused("none", read_model, tmp_path / "none")
 
 
 def test_damaged_files_are_refused():
@@ -298,8 +298,7 @@ def test_damaged_files_are_refused():
     for place in places:
         damaged = image.copy()
         damaged[place // 8] ^= 1 << place % 8
-        with pytest.raises(InputError, match=r"^flipped: [^\n]*$"):
-            PackedModel(damaged, "flipped")
+        refused(r"^flipped: [^\n]*$", PackedModel, damaged, "flipped")
 
 
 def test_default_is_the_design_of_spec_memory():

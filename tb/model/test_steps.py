@@ -25,6 +25,7 @@ from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER
 from splatcore.spec.number import Fixed
 from splatcore.spec.packed import PackedModel, checksum
 from tb.helpers.clouds import cloud
+from tb.helpers.refusal import refused
 
 BITS = {0: (), 1: (5, 5), 2: (3, 2, 3), 3: (5, 5, 6)}  # layout → bits per code, by degree
 BEATS = {0: 0, 1: 1, 2: 1, 3: 2}  # layout → beats of harmonics per Gaussian
@@ -237,8 +238,7 @@ def test_machines_and_qualities():
         config = replace(DEFAULT, sh_degree=degree)
         assert pack(scene, config, quality="faithful")[0].format.sh_degree == degree
         assert pack(scene, config)[0].format.sh_degree == min(degree, 1)
-    with pytest.raises(InputError, match="PAPER renders compact models only"):
-        pack(scene, PAPER, quality="faithful")
+    refused("PAPER renders compact models only", pack, scene, PAPER, quality="faithful")
 
 
 def edited(image: np.ndarray, offset: int, width: int, value: int) -> np.ndarray:
@@ -270,8 +270,7 @@ EDITS = {
 def test_headers_that_contradict_themselves_are_refused(name):
     *edit, message = EDITS[name]
     model, _ = pack(cloud(13, count=300, degree=3), quality="faithful")
-    with pytest.raises(InputError, match=f"^odd: .*{message}"):
-        PackedModel(edited(model.image, *edit), "odd")
+    refused(f"^odd: .*{message}", PackedModel, edited(model.image, *edit), "odd")
 
 
 def test_halves_need_all_their_degrees():
