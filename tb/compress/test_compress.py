@@ -31,7 +31,7 @@ from splatcore.sim.common.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene
-from tb.helpers.compression_scene import RECIPE, SIZE, nothing
+from tb.helpers.compression_scene import RECIPE, SIZE, noted, nothing
 from tb.helpers.refusal import refused
 
 FIRST = replace(RECIPE, degree=1)
@@ -182,15 +182,10 @@ def test_all_views_before_one_comes_again():
 
 
 def test_every_view_is_learned_from(scene, targets, monkeypatch):
-    seen, right = [], finetune_module.render
-
-    def noted(*given, **options):
-        seen.append(given[-1])
-        return right(*given, **options)
-
-    monkeypatch.setattr(finetune_module, "render", noted)
+    calls = noted(monkeypatch, finetune_module, "render")
     tensors = tensors_of(scene)
     finetune(tensors, optimizers(tensors, 1.0), targets, 0, Run("test", len(targets), 0.3, nothing))
+    seen = [given[-1] for given in calls]
     assert {*seen} == {target.camera for target in targets} and len(seen) == len(targets)
 
 
@@ -241,12 +236,12 @@ def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, 
     decays almost to 0 and quantisation starts again at a fifth."""
     seen, learn = {}, finetune_module.optimise
 
-    def noted(optimizers, run, loss_of):
-        rates = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
-        seen[run.phase] = rates, run.left
+    def rates(optimizers, run, loss_of):
+        first = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
+        seen[run.phase] = first, run.left
         return learn(optimizers, run, loss_of)
 
-    monkeypatch.setattr(finetune_module, "optimise", noted)
+    monkeypatch.setattr(finetune_module, "optimise", rates)
     recipe = replace(RECIPE, degree=degree, schedule=(0.3,), distill_steps=0)
     list(compress(scene, targets, recipe, checkpoints))
     (before, left), (after, last) = seen["prune 0.3"], seen["quantize"]
@@ -260,11 +255,11 @@ def test_positions_learn_in_sizes_of_the_gaussians(scene, targets, checkpoints, 
     """The unit of the positions' rate is the median of the Gaussians' middle scales."""
     units, make = [], trainable.optimizers
 
-    def noted(tensors, unit, *others):
+    def measured(tensors, unit, *others):
         units.append((unit, np.median(np.sort(scene_of(tensors).scale, axis=1)[:, 1])))
         return make(tensors, unit, *others)
 
-    monkeypatch.setattr(trainable, "optimizers", noted)
+    monkeypatch.setattr(trainable, "optimizers", measured)
     list(compress(scene, targets, FIRST, checkpoints))
     assert len(units) == 5, "two degrees, two prunings, quantisation"
     for unit, middle in units:

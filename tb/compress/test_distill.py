@@ -20,13 +20,12 @@ from splatcore.model.compress.teacher import (
     teacher_targets,
     unpacked_picture,
 )
-from splatcore.model.gradients.differentiable import render as torch_render
 from splatcore.model.gradients.finetune import Run
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import COLOUR_OFFSET
-from tb.helpers.compression_scene import nothing
+from tb.helpers.compression_scene import noted, nothing
 
 SMALL = (48, 32)
 
@@ -77,14 +76,13 @@ def test_colours_below_black_are_black(scene, cameras):
 
 def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
     """About half of the steps render views moved by at most MOVE."""
-    beside = []
-    right = distill_module.perturbed
+    beside, right = [], distill_module.perturbed
 
-    def noted(camera, *arguments):
+    def kept(camera, *arguments):
         beside.append(right(camera, *arguments))
         return beside[-1]
 
-    monkeypatch.setattr(distill_module, "perturbed", noted)
+    monkeypatch.setattr(distill_module, "perturbed", kept)
     distill(scene, 1, cameras, 2.0, Recipe(), run(40))
     assert 12 <= len(beside) <= 28
     away = [
@@ -105,20 +103,14 @@ def test_from_all_round(garden):
 
 def test_pictures_are_rendered_when_they_are_read(garden, monkeypatch):
     """Once while they are cached; cameras and names need no rendering."""
-    drawn = []
-
-    def counted(*given, **options):
-        drawn.append(given[-1])
-        return torch_render(*given, **options)
-
-    monkeypatch.setattr(teacher_module, "render", counted)
+    drawn = noted(monkeypatch, teacher_module, "render")
     monkeypatch.setattr(teacher_module, "REMEMBERED", 2)
     targets = teacher_targets(garden, 3, SMALL, 0)
     cameras = [target.camera for target in targets]
     assert all(isinstance(target.name, str) for target in targets) and not drawn
     for k in (0, 1, 1, 0, 2, 2, 0, 1):
         assert targets[k].image.shape == (SMALL[1], SMALL[0], 3)
-    assert drawn == [cameras[k] for k in (0, 1, 2, 1)]
+    assert [given[-1] for given in drawn] == [cameras[k] for k in (0, 1, 2, 1)]
 
 
 def test_on_the_path_of_cameras(garden):

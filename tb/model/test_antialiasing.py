@@ -19,7 +19,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 from tb.helpers.refusal import refused
 from tb.helpers.scene_file import (
-    compressed_ply_bytes,
+    compressed_ply,
     ply_bytes,
     ply_columns,
     read_written,
@@ -48,10 +48,7 @@ def plain(tmp_path, *comments: str, **columns: np.ndarray) -> Scene:
 
 def compressed(tmp_path, *comments: str) -> Scene:
     """Read a compressed PLY of three Gaussians."""
-    rng = np.random.default_rng(0)
-    bounds, packed = rng.normal(size=(1, 18)), rng.integers(0, 1 << 32, (3, 4), np.uint32)
-    data = compressed_ply_bytes(bounds, packed, np.zeros((3, 0), np.uint8), comments=comments)
-    return read_written(tmp_path / "scene.ply", data)
+    return read_written(tmp_path / "scene.ply", compressed_ply(3, comments=comments))
 
 
 @pytest.mark.parametrize("make", [plain, compressed])
