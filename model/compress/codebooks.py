@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from sklearn.metrics import pairwise_distances_argmin
 
-from splatcore.model.compress.directions import Directions
 from splatcore.model.compress.quantize import Quantised, round_fixed
+from splatcore.model.compress.significance import Directions
 from splatcore.model.gradients.trainable import RATES, Tensors, tensors_of
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.pack import appearance

@@ -14,18 +14,16 @@ import numpy as np
 from splatcore.model.compress.checkpoint import Checkpoints, Result, Step
 from splatcore.model.compress.choice import TIMED, WEIGHED, Speed, decide
 from splatcore.model.compress.codebooks import in_codebooks
-from splatcore.model.compress.directions import directions_of
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.quantize import REFRESH, Quantised
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.significance import significance
+from splatcore.model.compress.significance import directions_of, significance
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
-from splatcore.model.gradients.finetune import Progress, Run, finetune
-from splatcore.model.gradients.unfinished import Unfinished
+from splatcore.model.gradients.finetune import Progress, Run, Unfinished, finetune
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config

@@ -128,20 +128,14 @@ def _saturating(sh: np.ndarray) -> int:
     """Number of Gaussians that reach `COLOUR_MAX` in a channel in any of `LOOKS` directions.
 
     With K coefficients per channel, harmonics beyond the constant one add at most the norm of their
-    coefficients times √((K − 1) / 4π). Two such bounds, the cheaper one first, rule out most
-    Gaussians.
+    coefficients times √((K − 1) / 4π). This bound rules out most Gaussians.
     """
     if not len(sh):
         return 0
     most = np.sqrt((sh.shape[1] - 1) / (4 * np.pi))
-    flat = sh.reshape(len(sh), -1)[:, 3:]
-    largest = np.maximum(flat.max(axis=0), -flat.min(axis=0)).reshape(-1, 3)
-    others = np.linalg.norm(largest, axis=0)
-    dark = (COLOUR_MAX - COLOUR_OFFSET - most * others) / SH_C0  # smaller constants are ruled out
-    bright = sh[(sh[:, 0] >= dark).any(axis=1)]
-    norm = np.sqrt(np.einsum("nkc,nkc->nc", bright[:, 1:], bright[:, 1:]))
-    reach = COLOUR_OFFSET + SH_C0 * bright[:, 0] + most * norm
-    bright = bright[(reach >= COLOUR_MAX).any(axis=1)]
+    norm = np.sqrt(np.einsum("nkc,nkc->nc", sh[:, 1:], sh[:, 1:]))
+    reach = COLOUR_OFFSET + SH_C0 * sh[:, 0] + most * norm
+    bright = sh[(reach >= COLOUR_MAX).any(axis=1)]
     found, basis = 0, harmonics(directions(LOOKS), int(np.sqrt(sh.shape[1])) - 1)
     for some in np.array_split(bright, len(bright) // 4096 + 1):
         colour = COLOUR_OFFSET + np.einsum("dk,nkc->ndc", basis, some)

@@ -11,6 +11,7 @@ import struct
 import tempfile
 import zlib
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import zstandard
@@ -68,6 +69,15 @@ class Header:
         return f"{self.count} Gaussians of SH degree {self.degree}"
 
 
+class Content(NamedTuple):
+    """The checked content of a file."""
+
+    header: Header
+    sections: bytes  # of version 1 to 3
+    records: bytes  # of extensions
+    rest: int = 0  # number of bytes that belong to none of these
+
+
 def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     """Read the scene of an SPZ file, converted to the axes of PLY.
 
@@ -76,12 +86,13 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     """
     data = file.read_bytes(path)
     if data.startswith(SPZ_MAGIC):
-        header, payload, records, rest = _check_streams(data, path)
+        content = _check_streams(data, path)
     elif data.startswith(GZIP_MAGIC):
-        header, payload, records, rest = _gunzip(data, path)
+        content = _gunzip(data, path)
     else:
         raise input_error(path, "is not an SPZ file")
-    stated, records = _stated_axes(header, records, path)
+    header, payload = content.header, content.sections
+    stated, records = _stated_axes(header, content.records, path)
     if payload and records:
         _check_surplus(header, len(records), path)
     if axes and stated:
@@ -90,7 +101,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     scene = turned(scene, stated or axes or SPZ_AXES)
     if header.flags & ANTIALIASED:
         scene = replace(scene, antialiased=True, mark="SPZ flag")
-    notes = file.surplus(rest + len(records)) + _note(stated, axes)
+    notes = file.surplus(content.rest + len(records)) + _note(stated, axes)
     return replace(scene, notes=notes, assumed_axes="" if stated or axes else SPZ_AXES)
 
 
@@ -119,11 +130,8 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
     return header
 
 
-def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
-    """Unpack a file of version 1 to 3, never more than its header claims.
-
-    Returns the header, the sections, the bytes after them (extension records), and 0.
-    """
+def _gunzip(data: bytes, path: str | os.PathLike) -> Content:
+    """Unpack a file of version 1 to 3, never more than its header claims."""
     with file.reading(path):
         stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
         header = _header(stream.decompress(data, 16), range(1, 4), path)
@@ -136,7 +144,7 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes,
         raise input_error(path, "gzip stream is cut off or longer than its header says")
     if stream.unused_data:
         raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
-    return header, payload[:size], payload[size:], 0
+    return Content(header, payload[:size], payload[size:])
 
 
 def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
@@ -154,12 +162,8 @@ def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
         )
 
 
-def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
-    """Check a file of version 4: header, table of contents and zstd streams.
-
-    Returns the header, no sections, the extension records, and the number of bytes after the last
-    stream.
-    """
+def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
+    """Check a file of version 4: header, table of contents and zstd streams."""
     header = _header(data, range(4, 5), path)
     file.check_expansion(sum(header.sections), len(data), path)
     if len(data) < 32:
@@ -182,7 +186,7 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes,
         if content not in (-1, size):
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
         start += stored
-    return header, b"", data[32:toc], len(data) - start
+    return Content(header, b"", data[32:toc], len(data) - start)
 
 
 def _stated_axes(

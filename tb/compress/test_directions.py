@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from splatcore.model.compress.codebooks import assign_slopes, in_codebooks
-from splatcore.model.compress.directions import ELSEWHERE, Directions, directions_of
 from splatcore.model.compress.judge import decibels
-from splatcore.model.compress.significance import view_weights
+from splatcore.model.compress.significance import ELSEWHERE, Directions, directions_of, view_weights
 from splatcore.model.compress.teacher import pictures
 from splatcore.model.generate.generate import generated_camera
 from splatcore.spec.camera import Camera

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from splatcore.model.compress import codebooks
-from splatcore.model.compress.directions import Directions
 from splatcore.model.compress.quantize import round_fixed, round_float
+from splatcore.model.compress.significance import Directions
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.finetune import Run, as_tensor, difference, finetune

@@ -10,11 +10,11 @@ from splatcore.model.compress import compress as compress_module
 from splatcore.model.compress.checkpoint import Checkpoints
 from splatcore.model.compress.codebooks import in_codebooks
 from splatcore.model.compress.compress import compress
-from splatcore.model.compress.directions import Directions
+from splatcore.model.compress.significance import Directions
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients import finetune as finetune_module
+from splatcore.model.gradients.finetune import Unfinished
 from splatcore.model.gradients.trainable import refining, tensors_of
-from splatcore.model.gradients.unfinished import Unfinished
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import RECIPE
