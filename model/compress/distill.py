@@ -10,9 +10,9 @@ from numba import njit, prange
 
 from splatcore.model.cameras.surround import perturbed
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.significance import view_weights
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.model.gradients.finetune import Run, difference, optimise, views_in_turn
 from splatcore.model.gradients.rendering_points import basis_of
 from splatcore.spec.camera import Camera
@@ -69,7 +69,7 @@ def projected(scene: Scene, degree: int, cameras: Views) -> Scene:
     """
     count = sh_count(degree)
     matrix, wanted = np.zeros((len(scene), count, count)), np.zeros((len(scene), count, 3))
-    for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
+    for camera, weight in zip(cameras, blending_weights(scene.gaussians(), cameras), strict=True):
         add_equations(scene.position, scene.sh, weight, camera.position, matrix, wanted)
     total = np.maximum(matrix[:, 0, 0], np.finfo(np.float32).tiny)[:, None, None]
     matrix = matrix / total + PULL * np.eye(count)

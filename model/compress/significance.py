@@ -8,7 +8,7 @@ A Gaussian's colour is c + G·d in the direction d. The constant c compensates f
 slopes G at the mean direction; the error of G times the deviation from the mean remains.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,11 +27,6 @@ ELSEWHERE = 0.1
 BLOCK = 1 << 16  # Gaussians whose distances to all entries are computed at once
 
 
-def view_weights(scene: Scene, cameras: Sequence[Camera]) -> Iterator[np.ndarray]:
-    """Yield, for each camera, Σ alpha·T over its pixels, [N]."""
-    return blending_weights(scene.gaussians(), cameras)
-
-
 def significance(
     scene: Scene, cameras: Sequence[Camera], progress: Progress | None = None, phase: str = ""
 ) -> np.ndarray:
@@ -42,7 +37,7 @@ def significance(
     Returns 0 for Gaussians that no view shows.
     """
     total = np.zeros(len(scene))
-    for number, weight in enumerate(view_weights(scene, cameras)):
+    for number, weight in enumerate(blending_weights(scene.gaussians(), cameras)):
         total += weight
         if progress:
             progress(f"{phase}: weighing Gaussians", number + 1, len(cameras), None)
@@ -85,7 +80,7 @@ def directions_of(scene: Scene, cameras: Sequence[Camera]) -> Directions:
     tiny = float(np.finfo(np.float32).tiny)
     total = np.full(len(scene), tiny)
     mean, square = np.zeros((len(scene), 3)), np.zeros((len(scene), 3, 3))
-    for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
+    for camera, weight in zip(cameras, blending_weights(scene.gaussians(), cameras), strict=True):
         ray = scene.position - camera.position
         length = np.linalg.norm(ray, axis=1, keepdims=True)  # 0 for a Gaussian in a camera
         ray /= np.maximum(length, tiny)

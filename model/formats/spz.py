@@ -101,16 +101,11 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     scene = turned(scene, stated or axes or SPZ_AXES)
     if header.flags & ANTIALIASED:
         scene = replace(scene, antialiased=True, mark="SPZ flag")
-    notes = file.surplus(content.rest + len(records)) + _note(stated, axes)
+    notes = file.surplus(content.rest + len(records))
+    if not stated:
+        by = "by --axes" if axes else "the format's default; choose others by --axes"
+        notes += (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
     return replace(scene, notes=notes, assumed_axes="" if stated or axes else SPZ_AXES)
-
-
-def _note(stated: str | None, axes: str | None) -> tuple[str, ...]:
-    """A note on axes that the file does not state."""
-    if stated:
-        return ()
-    by = "by --axes" if axes else "the format's default; choose others by --axes"
-    return (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
 
 
 def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:

@@ -10,7 +10,7 @@ from splatcore.model.pack.factor import lower_triangular
 from splatcore.model.pack.layout import Quantised, lay_out
 from splatcore.model.pack.quality import COMPACT, INDEXED, SMALL, STEPPED
 from splatcore.model.pack.report import PackReport, report
-from splatcore.model.pack.steps import no_steps, quantise_steps
+from splatcore.model.pack.steps import Steps, no_steps, quantise_steps
 from splatcore.model.pack.stored import keep, stored_scene
 from splatcore.spec.colour import COARSE, FINE, SECOND, SH_EXPONENT_MAX, folded, slopes_of
 from splatcore.spec.config import DEFAULT, Config
@@ -73,14 +73,8 @@ def pack(
     kept, clipped = clip_scales(kept, largest_element(config, format))
     lower = lower_triangular(kept.gaussians().factor)
     progress("colour")
-    steps, books = None, tuple(codebook[stored.index] for codebook in codebooks or ())
-    if not format.codebooks:
-        progress("harmonics")
-        factors = folded(kept.sh)
-        steps = quantise_steps(factors, layouts(factors, quality))
-    elif not books:
-        books = quantised_colours(kept, format, progress)
-    used = [codebook.exponent for codebook in books if codebook.entries]
+    books = tuple(codebook[stored.index] for codebook in codebooks or ())
+    colour = quantised_colours(kept, format, quality, books, progress)
     progress("layout")
     absolute = format.position == "absolute"
     if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
@@ -92,9 +86,8 @@ def pack(
     with np.errstate(divide="ignore"):  # padding gets the lowest opacity
         opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(kept.opacity, 1)))
     quantised = Quantised(
-        format, chunks, position, factor, exponent, opacity,
-        steps or no_steps(len(kept), used), books, scene.antialiased,
-    )  # fmt: skip
+        format, chunks, position, factor, exponent, opacity, *colour, scene.antialiased
+    )
     model = PackedModel(lay_out(quantised), scene.name)
     counts = {
         "gaussians": len(scene),
@@ -107,12 +100,28 @@ def pack(
     return model, report(kept, lower, model, chunks.padding, counts)
 
 
-def quantised_colours(kept: Scene, format: ModelFormat, progress: Progress) -> Codebooks:
-    """Quantise colours and slopes of Gaussians in stored order with codebooks."""
-    colours, slopes = appearance(kept)
-    first = quantise(colours, format.colour_index, COMPONENT)
-    progress("harmonics")
-    return first, quantise(slopes, format.sh_index, SLOPE, largest=SH_EXPONENT_MAX)
+def quantised_colours(
+    kept: Scene,
+    format: ModelFormat,
+    quality: str | np.ndarray,
+    books: tuple[Codebook, ...],
+    progress: Progress,
+) -> tuple[Steps, tuple[Codebook, ...]]:
+    """Steps and codebooks of Gaussians in stored order.
+
+    books: codebooks that are already made, or none
+    """
+    if not format.codebooks:
+        progress("harmonics")
+        factors = folded(kept.sh)
+        return quantise_steps(factors, layouts(factors, quality)), ()
+    if not books:
+        colours, slopes = appearance(kept)
+        first = quantise(colours, format.colour_index, COMPONENT)
+        progress("harmonics")
+        books = first, quantise(slopes, format.sh_index, SLOPE, largest=SH_EXPONENT_MAX)
+    used = [codebook.exponent for codebook in books if codebook.entries]
+    return no_steps(len(kept), used), books
 
 
 def qualities_of(config: Config) -> tuple[str, ...]:

@@ -14,10 +14,11 @@ from splatcore.model.compress.choice import decibels
 from splatcore.model.compress.compress import compress
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.significance import significance, view_weights
+from splatcore.model.compress.significance import significance
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.gradients import finetune as finetune_module
 from splatcore.model.gradients import trainable
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.model.gradients.finetune import (
     LAPS,
     Run,
@@ -154,7 +155,7 @@ def test_significance(scene, cameras):
     assert 0 < hidden < 0.03 * seen < front and behind == 0
     volume = scene.scale.prod(axis=1)
     term = np.minimum(volume / np.percentile(volume, 90), 1) ** 0.1
-    assert np.allclose(sum(view_weights(scene, cameras)) * term, found)
+    assert np.allclose(sum(blending_weights(scene.gaussians(), cameras)) * term, found)
 
 
 def test_merging_loses_less_than_dropping(scene, targets, cameras):
