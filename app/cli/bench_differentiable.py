@@ -11,7 +11,6 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.frame.size import parse_size
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Gaussians
 from splatcore.study.compression.run import check_installed
@@ -98,7 +97,7 @@ def pairs(gaussians: Gaussians, camera: Camera) -> int:
     arrays.append(np.zeros((len(gaussians), 2), np.float32))
     splats = np.empty((len(gaussians), rendering_points.HIGH + 1), np.float32)
     depth = np.empty(len(gaussians))
-    view = rendering_points.view_numbers(camera, SPLATCORE)
+    view = rendering_points.view_numbers(camera)
     rendering_points.project(*arrays, view, get_num_threads(), splats, depth)
     lists = rendering_tiles.tile_lists(splats[depth > 0], camera.width, camera.height)
     return len(lists[2])
