@@ -9,11 +9,8 @@ from splatcore.app.cli.commands import COMMANDS
 from splatcore.app.cli.render_rtl import TimingOption
 from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_case import PSNR_MIN
-from splatcore.sim.common.choice import check_known
 from splatcore.model.generate.hard_colour import ANTIALIASED
-from splatcore.sim.cli import options
-from splatcore.sim.cli.commands import COMMANDS
-from splatcore.sim.cli.render_rtl import TimingOption
+from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
 from splatcore.sim.common.table import print_whole
 from splatcore.sim.frame.size import parse_size
