@@ -51,6 +51,12 @@ def memory_size(module: str) -> tuple[int, int]:
     return words, bits
 
 
+def sizes_in(text: str, prefix: str = PREFIX) -> list[tuple[int, int]]:
+    """(words, bits) of all memories in a Verilog text, each once."""
+    found = re.findall(rf"\b{prefix}_memory_(\d+)x(\d+) ", text)
+    return sorted({(int(words), int(bits)) for words, bits in found})
+
+
 def _text(template: str, words: int, bits: int, prefix: str = PREFIX) -> str:
     address, data = (words - 1).bit_length() - 1, bits - 1
     ports = PORTS.format(address=address, data=data)

@@ -15,11 +15,11 @@ from splatcore.hdl.stages import STAGES
 from splatcore.hdl.top import Top
 from splatcore.sim.common.output import write
 from splatcore.sim.common.table import comma_separated
-from splatcore.sim.eda.macros import PREFIX, Macros, memory_name, module
+from splatcore.sim.eda.macros import PREFIX, Macros, memory_name, module, sizes_in
 from splatcore.sim.eda.names import readable, without_source
 from splatcore.sim.eda.register_files import write_register_files
 from splatcore.sim.eda.template import filled
-from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.convert import converted, kept
 from splatcore.sim.rtl.verilator import environment
 from splatcore.spec.axi import ID_BITS
 from splatcore.spec.config import CLOCK_HZ, KB, Config
@@ -143,7 +143,8 @@ def stage_source(
     source = type(component).__module__.removeprefix("splatcore.").replace(".", "/") + ".py"
     head = HEADER.format(name=name, source=source, preset=config.name, about=about)
     module = f"{names.prefix}_{name}"
-    text = readable(_plain(converted(component, module, platform or BUILT, emit_src=True), module))
+    convert = kept if isinstance(component, Top) else converted  # the whole takes half a minute
+    text = readable(_plain(convert(component, module, platform or BUILT, emit_src=True), module))
     return f"{head}\n{text if names.source_lines else without_source(text)}"
 
 
@@ -189,9 +190,9 @@ def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
 
     Returns the files' paths.
     """
-    top, macros = Top(config), Macros(names.prefix)
-    source = stage_source("top", top, config, macros, names)
-    shapes = sorted(set(macros.sizes))
+    top = Top(config)
+    source = stage_source("top", top, config, Macros(names.prefix), names)
+    shapes = sizes_in(source, names.prefix)
     memories = MEMORIES_HEADER.format(preset=config.name)
     memories += "\n".join(module(*shape, names.prefix) for shape in shapes)
     texts = {

@@ -20,14 +20,14 @@ from splatcore.sim.common.cache import kept_json
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.eda.machine_gates import PARTS, part_around
-from splatcore.sim.eda.macros import Macros, module
+from splatcore.sim.eda.macros import Macros, module, sizes_in
 from splatcore.sim.machine.engines import golden
 from splatcore.sim.machine.machine import Job, Machine
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.program import TOGGLES
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.sim.power.saif import duration, nets
-from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.convert import kept
 from splatcore.spec.config import Config
 from splatcore.spec.energy import ENERGY
 from splatcore.spec.error import InputError
@@ -90,9 +90,8 @@ class Counts:
 @cache
 def machine_source(config: Config) -> str:
     """The machine's Verilog with memories as modules, whose enables are nets."""
-    macros = Macros()
-    text = converted(Top(config), platform=macros)
-    return text + "".join(module(*size) for size in sorted(set(macros.sizes)))
+    text = kept(Top(config), platform=Macros())
+    return text + "".join(module(*size) for size in sizes_in(text))
 
 
 def plain(name: str) -> str:
