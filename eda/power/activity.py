@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from splatcore.eda.gates.machine_gates import PARTS, part_around
-from splatcore.eda.gates.macros import Macros, module
+from splatcore.eda.gates.macros import Macros, module, sizes_in
 from splatcore.eda.power.saif import duration, nets
 from splatcore.hdl.top import Top
 from splatcore.sim.common.cache import kept_json
@@ -27,7 +27,7 @@ from splatcore.sim.machine.machine import Job, Machine
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.program import TOGGLES
 from splatcore.sim.machine.script import LPDDR4
-from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.convert import kept
 from splatcore.spec.config import Config
 from splatcore.spec.energy import ENERGY
 from splatcore.spec.error import InputError
@@ -39,7 +39,7 @@ SAMPLE_LENGTH = 4096
 """Cycles per window. A net that differs from the previous window counts as one change."""
 
 COUNTED = 1 << 17  # cycles of a frame that are sampled by default, about
-MACRO = "macro"  # instance of a memory (`sim.eda.macros`); its nets are not logic
+MACRO = "macro"  # instance of a memory (`eda.gates.macros`); its nets are not logic
 
 TOP_DEPTH = 2
 """Instances around the machine's own: Verilator's, which repeats its ports, and `top`."""
@@ -70,7 +70,7 @@ class Accesses:
 class Counts:
     """Switching of a frame.
 
-    parts: by name, as in `sim.eda.machine_gates.PARTS`
+    parts: by name, as in `eda.gates.machine_gates.PARTS`
     cycles, pixels: of a frame
     sample_every: one window in `sample_every` was sampled
     simulated, counted: cycles of the run, and of its sampled windows
@@ -90,9 +90,8 @@ class Counts:
 @cache
 def machine_source(config: Config) -> str:
     """The machine's Verilog with memories as modules, whose enables are nets."""
-    macros = Macros()
-    text = converted(Top(config), platform=macros)
-    return text + "".join(module(*size) for size in sorted(set(macros.sizes)))
+    text = kept(Top(config), platform=Macros())
+    return text + "".join(module(*size) for size in sizes_in(text))
 
 
 def plain(name: str) -> str:
