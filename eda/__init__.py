@@ -1,4 +1,4 @@
 """Chip and FPGA design: delivered Verilog, gates, cells, timing, power, boards.
 
-May import: nothing.
+May import: sim.
 """

@@ -1,4 +1,7 @@
-"""Order of the test files: the slowest first, so that all processes finish together."""
+"""Order of the test files: the slowest first, so that all processes finish together; the file of
+the small cell library, for `tb/eda` and `tb/study`."""
+
+import pytest
 
 LONGEST = (
     "stages/test_stages", "test_demo", "test_walks", "app/test_example_command", "eda/test_verilog",
@@ -18,3 +21,12 @@ def pytest_collection_modifyitems(items: list) -> None:
     """Move the tests of these files to the front; xdist needs `--no-loadscope-reorder` for it."""
     order = {f"tb/{name}.py": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.nodeid.split("::")[0], len(order)))
+
+
+@pytest.fixture(scope="session")
+def liberty_path(tmp_path_factory):
+    from tb.helpers.liberty import small_library
+
+    file = tmp_path_factory.mktemp("liberty") / "small.lib"
+    file.write_text(small_library())
+    return file

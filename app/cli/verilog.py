@@ -10,7 +10,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
 PARTS = ("top", "registers", "stages")
-"""Keys of `sim.eda.verilog.WRITERS`, repeated here because its import is slow."""
+"""Keys of `eda.deliver.verilog.WRITERS`, repeated here because its import is slow."""
 
 DEFAULT_PARTS = PARTS[:2]
 

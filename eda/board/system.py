@@ -26,13 +26,7 @@ from migen.genlib.io import CRG
 
 from splatcore.eda.deliver.verilog import NAMES
 from splatcore.hdl.memory.bus import axi, axi_lite
-from splatcore.spec.axi import (
-    ADDRESS_BITS,
-    ID_BITS,
-    LITE_ADDRESS_BITS,
-    LITE_DATA_BITS,
-    window_bits,
-)
+from splatcore.spec.axi import ADDRESS_BITS, ID_BITS, LITE_ADDRESS_BITS, LITE_DATA_BITS, window_bits
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
@@ -59,12 +53,12 @@ class System(SoCCore):
 
     def __init__(
         self, platform: GenericPlatform, clocks: Module, phy: Module,
-        module: modules.SDRAMModule, clock_hz: int, baud: int, config: Config,
+        module: modules.SDRAMModule, clock_hz: int, baud: int, config: Config
     ):  # fmt: skip
         self.submodules.crg, self.submodules.sdrphy = clocks, phy
         SoCCore.__init__(
             self, platform, clock_hz, cpu_type=None, ident="", with_uart=False, with_timer=False,
-            integrated_rom_size=0, integrated_sram_size=0,
+            integrated_rom_size=0, integrated_sram_size=0
         )  # fmt: skip
         self.add_uartbone(baudrate=baud)
         self.add_sdram("sdram", phy=phy, module=module, l2_cache_size=0)

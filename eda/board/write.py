@@ -10,23 +10,18 @@ from tempfile import TemporaryDirectory
 
 from litex.soc.integration.builder import Builder
 
-from splatcore.eda.board.system import (
-    MEMORY,
-    REGISTERS,
-    System,
-    check_board,
-    start_of,
-    ulx3s,
-)
+from splatcore.eda.board.system import MEMORY, REGISTERS, System, check_board, start_of, ulx3s
 from splatcore.eda.deliver.verilog import NAMES, write_registers, write_top
 from splatcore.eda.fpga.fpga import synthesis
-from splatcore.eda.template import filled
+from splatcore.eda.template import filled, write_texts
 from splatcore.sim.common.output import make_folder, write
 from splatcore.sim.common.preset_file import write_preset
 from splatcore.spec.config import PRESETS, Config
 
 TOP = "splatcore_board"
-OURS = "t:$mem_v2 n:*.rows %i"  # the machine's memories, whose arrays `sim.eda.macros` calls `rows`
+OURS = (
+    "t:$mem_v2 n:*.rows %i"  # the machine's memories, whose arrays `eda.gates.macros` calls `rows`
+)
 FACTS, PRESET = "board.json", "preset.toml"
 
 
@@ -56,19 +51,14 @@ def write_board(folder: Path, config: Config, clock_hz: int, baud: int, sdram: s
         Builder(system, name, compile_software=False, compile_gateware=False).build(
             run=False, build_name=TOP
         )
-        for suffix in (".v", ".lpf"):
-            paths.append(folder / f"{TOP}{suffix}")
-            made = (Path(name) / "gateware" / paths[-1].name).read_text()
-            write(paths[-1], undated(made).encode())
+        made = (Path(name) / "gateware" / f"{TOP}{suffix}" for suffix in (".v", ".lpf"))
+        paths += write_texts(folder, {path.name: undated(path.read_text()) for path in made})
     sources = [*NAMES.sources, f"{TOP}.v"]
     facts = {"top": TOP, "sources": sources, "preset": config.name, "megahertz": clock_hz / 1e6}
-    texts = {name: filled(name, "board", **facts) for name in ("Makefile", "README.md")}
+    texts = {name: filled(f"board/{name}", **facts) for name in ("Makefile", "README.md")}
     read = f"read_verilog {' '.join([*(f'rtl/{name}' for name in NAMES.sources), f'{TOP}.v'])}"
     texts["synthesis.ys"] = synthesis(read, TOP, f"{TOP}.json", OURS)
-    for name, text in texts.items():
-        paths.append(folder / name)
-        write(paths[-1], text.encode())
-    return paths + write_facts(folder, config, system, baud)
+    return paths + write_texts(folder, texts) + write_facts(folder, config, system, baud)
 
 
 def undated(text: str) -> str:

@@ -17,8 +17,6 @@ CONSTANTS = {"0": 0, "1": 1, "x": 0, "z": 0}
 """Nets of constants; an undefined bit is 0."""
 
 MEMORY = f"{PREFIX}_memory_"
-MEMORY_PORTS = (*re.findall(r"(\w+),$", PORTS, re.M), "read_data")
-"""A memory's ports in order; the last one is its only output."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +137,8 @@ def put_together(library: Library, pieces: Mapping[str, Mapped]) -> CellNetlist:
         for module, name, ports in piece.blocks:
             if module.startswith(MEMORY):
                 found_ports = [
-                    Port(port, port != MEMORY_PORTS[-1], net_of[nets(path, bits)])
-                    for port, bits in zip(MEMORY_PORTS, ports, strict=True)
+                    Port(port, port != PORTS[-1], net_of[nets(path, bits)])
+                    for port, bits in zip(PORTS, ports, strict=True)
                 ]
                 memories.append((dot + plain(name), module, found_ports))
     counts = [len(piece.cells) for piece in pieces.values()]

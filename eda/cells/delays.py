@@ -149,19 +149,11 @@ class Arcs:
         pair = self.delays[number, edge], self.slews[number, edge]
         return tuple(lookup(self.arrays, table, slew, load) for table in pair)
 
-    def many(self, arcs: np.ndarray, edge: int, slew: float, load: np.ndarray):
-        """Delays and slews of arcs, by number; the delay is -1 if an arc has no such edge."""
-        return _many(self.arrays, self.delays[arcs, edge], self.slews[arcs, edge], slew, load)
-
-
-@njit(cache=True)
-def _many(tables, delays, slews, slew, load):
-    times, steep = np.full(len(load), -1.0), np.zeros(len(load))
-    for k in range(len(load)):
-        if delays[k] >= 0:
-            times[k] = lookup(tables, delays[k], slew, load[k])
-            steep[k] = lookup(tables, slews[k], slew, load[k])
-    return times, steep
+    def many(self, arcs: np.ndarray, edge: int, slew: np.ndarray | float, load: np.ndarray):
+        """Delays and slews of arcs, by number; both are -1 if an arc has no such edge."""
+        slews = np.broadcast_to(slew, len(arcs)).astype(float)
+        numbers = self.delays[arcs, edge], self.slews[arcs, edge]
+        return tuple(_values(self.arrays, each, slews, load.astype(float)) for each in numbers)
 
 
 def fo4(library: Library) -> float:
@@ -183,13 +175,14 @@ def fo4(library: Library) -> float:
 def looked_up(table: Table, slew: np.ndarray, load: np.ndarray) -> np.ndarray:
     """A table's values at slews and loads [N]."""
     tables = Tables()
-    tables.number(table)
-    return _values(tables.arrays(), slew, load)
+    number = np.full(len(slew), tables.number(table))
+    return _values(tables.arrays(), number, slew, load)
 
 
 @njit(cache=True)
-def _values(tables, slew, load):
-    found = np.empty(len(slew))
-    for k in range(len(slew)):
-        found[k] = lookup(tables, 0, slew[k], load[k])
+def _values(tables, numbers, slew, load):
+    found = np.full(len(numbers), -1.0)
+    for k in range(len(numbers)):
+        if numbers[k] >= 0:
+            found[k] = lookup(tables, numbers[k], slew[k], load[k])
     return found

@@ -1,7 +1,7 @@
 """A standard-cell library: areas, functions, timing and power of its cells.
 
 Timing: pin capacitances, delays and slews as tables of slew and load (NLDM), setup times. Power:
-internal energy of changes, and leakage. `sim.eda.liberty_file` reads the files.
+internal energy of changes, and leakage. `eda.cells.liberty_file` reads the files.
 """
 
 import re

@@ -3,10 +3,10 @@
 import re
 from pathlib import Path
 
-from splatcore.eda.cells.cell_netlist import MEMORY_PORTS, CellNetlist
+from splatcore.eda.cells.cell_netlist import CellNetlist
 from splatcore.eda.cells.static_timing import Assumed, Timing
-from splatcore.eda.template import filled
-from splatcore.sim.common.output import write
+from splatcore.eda.gates.macros import PORTS
+from splatcore.eda.template import filled, write_texts
 
 
 def write_opensta(
@@ -26,30 +26,34 @@ def write_opensta(
     period = timing.longest.time
     texts = {
         files["netlist"]: verilog(netlist, module),
-        files["script"]: filled("timing.tcl", **facts, **files),
+        files["script"]: filled("cells/timing.tcl", **facts, **files),
         files["constraints"]: filled(
-            "timing.sdc", assumed=assumed, period=period, inputs=ports[True], outputs=ports[False]
+            "cells/timing.sdc",
+            assumed=assumed,
+            period=period,
+            inputs=ports[True],
+            outputs=ports[False],
         ),
         f"{module}_memories.lib": memories(netlist, assumed),
     }
     if shipped is not None:
         files |= {"script": "shipped.tcl", "constraints": "splatcore.sdc"}
-        texts |= {"shipped.tcl": filled("timing.tcl", **facts, **files), "splatcore.sdc": shipped}
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        write(folder / name, text.encode())
-    return [folder / name for name in texts]
+        texts |= {
+            "shipped.tcl": filled("cells/timing.tcl", **facts, **files),
+            "splatcore.sdc": shipped,
+        }
+    return write_texts(folder, texts)
 
 
 def memories(netlist: CellNetlist, assumed: Assumed) -> str:
     """A liberty file of a netlist's memories."""
     pins = {}
     for _, module, ports in netlist.memories:
-        named = zip(MEMORY_PORTS, ports, strict=True)
+        named = zip(PORTS, ports, strict=True)
         pins[module] = {name: len(port.nets) for name, port in named if name != "clk"}
     widths = sorted({width for each in pins.values() for width in each.values() if width > 1})
     return filled(
-        "memories.lib", memories=pins, widths=widths, load=sum(assumed.load) / 2,
+        "cells/memories.lib", memories=pins, widths=widths, load=sum(assumed.load) / 2,
         access=assumed.access, setup=assumed.memory_setup, slew=assumed.fo4,
     )  # fmt: skip
 
@@ -87,7 +91,7 @@ def verilog(netlist: CellNetlist, module: str) -> str:
             )
             lines.append(f"  {cell.name} {name} ({inside});")
     for path, kind, ports in netlist.memories:
-        row = zip(MEMORY_PORTS, ports, strict=True)
+        row = zip(PORTS, ports, strict=True)
         inside = ", ".join(
             f".{name}({{{', '.join(nets[int(net)] for net in port.nets[::-1])}}})"
             for name, port in row

@@ -16,7 +16,7 @@ from splatcore.eda.cells.mapping import Mapped
 from splatcore.eda.cells.static_timing import Assumed, Path, Timing
 from splatcore.eda.cells.ways import LONG_FO4, fastest, settled
 from splatcore.eda.gates.hierarchy import Hierarchy
-from splatcore.eda.gates.machine_gates import Part, part_around, placed_pieces
+from splatcore.eda.gates.machine_gates import Part, part_around, pieces
 from splatcore.eda.gates.synth import Netlist
 
 FO4_28NM = (0.022, 0.025)
@@ -135,22 +135,22 @@ def machine_silicon(
 
     advance: called with pieces done, pieces in all, and the current step
     """
-    places = placed_pieces(hierarchy)
-    unique = {piece.text: piece for _, _, piece in places}
+    work = pieces(hierarchy)
+    unique = {piece.netlist.text: piece.netlist for piece in work}
     order = sorted(unique, key=len, reverse=True)  # the longest first, to keep all threads busy
-    found = {}
-    advance(0, len(order) + 2, "mapping the machine")
+    found, steps = {}, len(order) + 2
+    advance(0, steps, "mapping the machine")
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        work = pool.map(lambda text: fastest(unique[text], library), order)
-        for done, (text, piece) in enumerate(zip(order, work, strict=True)):
-            found[text] = piece
-            advance(done + 1, len(order) + 2, "mapping the machine")
-    advance(len(order), len(order) + 2, "assembling the machine")
-    netlist, pieces = settled({path: piece for _, path, piece in places}, found, library)
-    advance(len(order) + 1, len(order) + 2, "timing the machine")
+        mapping = pool.map(lambda text: fastest(unique[text], library), order)
+        for done, (text, mapped) in enumerate(zip(order, mapping, strict=True)):
+            found[text] = mapped
+            advance(done + 1, steps, "mapping the machine")
+    advance(len(order), steps, "assembling the machine")
+    netlist, chosen = settled({piece.path: piece.netlist for piece in work}, found, library)
+    advance(len(order) + 1, steps, "timing the machine")
     parts: dict[Part, list[Mapped]] = {}
-    for part, path, _ in places:
-        parts.setdefault(part, []).append(pieces[path])
+    for piece in work:
+        parts.setdefault(piece.part, []).append(chosen[piece.path])
     placed = [Placed.of(part, each, library) for part, each in parts.items()]
     return placed, Silicon.of(netlist)
 

@@ -1,7 +1,7 @@
 """Output of `splatcore synth --liberty`: tables, the longest paths, mm² at 28 nm."""
 
 from collections.abc import Iterable
-from itertools import groupby
+from functools import partial
 from pathlib import Path
 
 from splatcore.eda import paper
@@ -26,7 +26,7 @@ from splatcore.eda.cells.static_timing import (
     Assumed,
 )
 from splatcore.eda.deliver.verilog import constraints
-from splatcore.eda.gates.machine_gates import netlist
+from splatcore.eda.gates.machine_gates import add_parts, netlist
 from splatcore.eda.gates.macros import memory_size
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.output import console, make_folder, progress_bar, write
@@ -35,17 +35,7 @@ from splatcore.spec.config import KB, Config
 
 PARTS = STAGES | CONTROL | PRIMITIVES
 
-COLUMNS = (
-    "um²",
-    "NAND2",
-    "flip-flops",
-    "buffers",
-    "ps",
-    "FO4",
-    "ps, wires",
-    "FO4, wires",
-    "28 nm: MHz",
-)
+COLUMNS = "um²|NAND2|flip-flops|buffers|ps|FO4|ps, wires|FO4, wires|28 nm: MHz".split("|")
 PATHS = ("longest", "between_registers", "longest_with_wires")
 
 
@@ -141,12 +131,7 @@ def _print_machine(
     """Print the machine's parts, slow paths across them, mm² at 28 nm; return them for JSON."""
     headings = ("count", "um²", "NAND2", "flip-flops", "buffers", "FO4 alone", "wires", "paper")
     table = new_table("part", headings, f"preset {config.name} in {library.name}")
-    for stage, group in groupby(parts, key=lambda each: each.part.stage):
-        group = list(group)
-        table.add_row(stage, *_row(library, group, paper.GATES.get(stage)), style="bold")
-        for each in group:
-            table.add_row(f"  {each.part.name}", *_row(library, [each], None))
-    table.add_row("all", *_row(library, parts, paper.GATES_ALL), style="bold")
+    add_parts(table, parts, partial(_row, library))
     print_whole(table)
     cells, total = len(whole.netlist.kinds), sum(each.um2 for each in parts)
     _print(
@@ -183,19 +168,17 @@ def _print_machine(
 
 def _area_line(mm2: dict[str, float], kilobytes: float, process: float | None) -> str:
     logic, memories = mm2["logic_mm2"], mm2["memories_mm2"]
-    ours = f"{logic:.3f} mm² of logic and {memories:.3f} mm² for {kilobytes:.1f} KB of memories"
-    scaled = ""
-    if process:
-        scaled = (
-            f" The library's area times (28/{process:g})² is {mm2['logic_scaled_mm2']:.3f} mm² of "
-            "logic."
-        )
+    scaled = "" if not process else (
+        f" The library's area times (28/{process:g})² is {mm2['logic_scaled_mm2']:.3f} mm² of "
+        "logic."
+    )  # fmt: skip
     theirs = sum(paper.AREA.values()) / 1e6, sum(paper.MEMORY_AREA.values()) / 1e6
     return (
         f"At 28 nm with the paper's {paper.UM2_PER_GATE:.3f} um² per gate and "
-        f"{paper.UM2_PER_KB:,.0f} um² per KB: {ours}, {logic + memories:.3f} "
-        f"mm² in all.{scaled} The paper: {theirs[0]:.3f} and {theirs[1]:.3f} mm² for "
-        f"{sum(paper.MEMORIES.values())} KB, {sum(theirs):.3f} mm² in all."
+        f"{paper.UM2_PER_KB:,.0f} um² per KB: {logic:.3f} mm² of logic and {memories:.3f} mm² for "
+        f"{kilobytes:.1f} KB of memories, {logic + memories:.3f} mm² in all.{scaled} The paper: "
+        f"{theirs[0]:.3f} and {theirs[1]:.3f} mm² for {sum(paper.MEMORIES.values())} KB, "
+        f"{sum(theirs):.3f} mm² in all."
     )
 
 

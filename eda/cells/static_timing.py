@@ -1,7 +1,8 @@
 """Static timing of a netlist of library cells: latest arrivals at all nets, longest paths.
 
 The clock is ideal: it arrives everywhere at 0, without a slew. Clock-to-output and setup times of
-flip-flops are the library's; times of memories and ports are those of `Assumed`.
+flip-flops are the library's; times of memories and ports are those of `Assumed`. OpenSTA serves as
+well but is not on PyPI: `tb/eda/test_silicon.py` compares the two where it is installed.
 """
 
 from collections.abc import Iterator

@@ -30,7 +30,7 @@ PART = re.compile(r"^(?:\\(\S+) |(\w+) ?)\[(\d+)(?::(\d+))?\]$")
 BLOCK = re.compile(r"^  always @\*.*?^  end$", re.M | re.S)
 
 PATHS = re.compile(r'(?<=src = ")[^"]+(?=")')
-PLACE = re.compile(r".*/site-packages/|[^|]*/(?=(?:spec|hdl|sim)/[^|]*$)|.*/")
+PLACE = re.compile(r".*/site-packages/|[^|]*/(?=(?:spec|hdl|sim|eda)/[^|]*$)|.*/")
 """The folders of a path: before a file of this project or of a library, else before its name."""
 
 

@@ -7,8 +7,7 @@ from math import frexp
 from pathlib import Path
 
 from splatcore.eda.gates.macros import PREFIX
-from splatcore.eda.template import filled
-from splatcore.sim.common.output import write
+from splatcore.eda.template import filled, write_texts
 from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, READERS, WRITERS
 from splatcore.spec.config import Config
@@ -16,19 +15,7 @@ from splatcore.spec.convention import FRUSTUM_MARGIN, NEAR_PLANE, PRINCIPAL_POIN
 from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS
 from splatcore.spec.memory import ALIGNMENT, HEADER
 from splatcore.spec.number import Float
-from splatcore.spec.registers import (
-    CODE_BITS,
-    DETAIL_BITS,
-    FRAME_START,
-    HALVES_AT,
-    WIDE,
-    WORD,
-    ErrorCode,
-    Register,
-    frame_registers,
-    high_registers,
-    register_map,
-)
+from splatcore.spec.registers import ErrorCode, Register, frame_registers, high_registers
 from splatcore.spec.work import (
     FEATURE,
     PIXEL,
@@ -69,7 +56,7 @@ BITS = {
 HALVES = ("PREPROCESSING", "RENDERING")
 """Names of ERROR's bits for the halves that have aborted a frame, the lowest first."""
 
-REGISTER = f"number of the register: (address − {FRAME_START:#x}) / {WORD}"
+REGISTER = f"number of the register: (address − {registers.FRAME_START:#x}) / {registers.WORD}"
 
 DETAILS = {
     ErrorCode.LOCKED: REGISTER,
@@ -100,25 +87,16 @@ def fields(register: Register) -> list[Field]:
     if register.name == "ERROR":
         about = "this half has aborted its frame because of an error"
         return [
-            Field("CODE", 0, CODE_BITS, "the first error", "splatcore_error"),
-            Field("DETAIL", CODE_BITS, DETAIL_BITS, "detail of the first error"),
-            *(Field(name, HALVES_AT + k, 1, about) for k, name in enumerate(HALVES)),
+            Field("CODE", 0, registers.CODE_BITS, "the first error", "splatcore_error"),
+            Field(
+                "DETAIL", registers.CODE_BITS, registers.DETAIL_BITS, "detail of the first error"
+            ),
+            *(Field(name, registers.HALVES_AT + k, 1, about) for k, name in enumerate(HALVES)),
         ]
     bits = BITS.get(register.name.removesuffix("_ENABLE"))
     if bits is None:
         return [Field("VALUE", 0, register.width, register.about)]
     return [Field(name, mask.bit_length() - 1, 1, about) for name, (mask, about) in bits.items()]
-
-
-RDL_ACCESS = {
-    "read": "sw = r; hw = w;",
-    "write": "sw = rw; hw = r;",
-    "frame": "sw = rw; hw = r;",
-    "clear": "sw = rw; hw = rw; woclr;",
-    "any": "sw = rw; hw = rw; onwrite = wclr;",
-    "control": "sw = w; hw = r; singlepulse;",
-}
-"""SystemRDL properties by access; any: for ERROR, which any write clears."""
 
 
 def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> list[Path]:
@@ -127,32 +105,31 @@ def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> 
     prefix: of file names, and in lower or upper case of names in C and SystemRDL
     Returns the paths of the files.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     # the comments in `ErrorCode`
     meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
     whole = {name: bit // 8 for name, bit in HEADER.offsets.items() if bit % 8 == 0}
     places = {name: place for name, place in whole.items() if name != "reserved"}
     facts = {
         "config": config,
-        "registers": register_map(config),
+        "registers": registers.register_map(config),
         "bits": BITS,
         "errors": {code: meanings.get(code.name, "no error") for code in ErrorCode},
         "details": DETAILS,
+        "fields": fields,
         "sizes": sizes(config),
         "model": {f"MODEL_{name.upper()}_AT": place for name, place in places.items()},
         "constants": camera_constants(config),
         "number": number_facts(config.arithmetic),
         "halves": HALVES,
-    } | {"READERS": READERS, "WRITERS": WRITERS, "WORD": WORD, "CODE_BITS": CODE_BITS}
-    facts |= {"fields": fields, "access": RDL_ACCESS, "locked": "; locked while READY is low"}
-    facts |= {"DETAIL_BITS": DETAIL_BITS, "HALVES_AT": HALVES_AT}
-    facts |= {"view": {"VIEW_WORDS": view_words(config)}, "wide": WIDE}
-    texts = {name: filled(name, **facts) for name in FILES}
+        "view": {"VIEW_WORDS": view_words(config)},
+        "layout": registers,
+        "READERS": READERS,
+        "WRITERS": WRITERS,
+    }
+    texts = {name: filled(f"deliver/{name}", **facts) for name in FILES}
     texts |= {name: Path(__file__).with_name(name).read_text() for name in DRIVER}
     texts = {renamed(name, prefix): renamed(text, prefix) for name, text in texts.items()}
-    for name, text in texts.items():
-        write(folder / name, text.encode())
-    return [folder / name for name in texts]
+    return write_texts(folder, texts)
 
 
 def renamed(text: str, prefix: str) -> str:

@@ -13,11 +13,10 @@ from amaranth.lib.wiring import In
 from splatcore.eda.deliver.names import readable, without_source
 from splatcore.eda.deliver.register_files import write_register_files
 from splatcore.eda.gates.macros import PREFIX, Macros, memory_name, module
-from splatcore.eda.template import filled
+from splatcore.eda.template import filled, write_texts
 from splatcore.hdl.lib.holds import BUILT
 from splatcore.hdl.stages import STAGES
 from splatcore.hdl.top import Top
-from splatcore.sim.common.output import write
 from splatcore.sim.common.table import comma_separated
 from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.verilator import environment
@@ -96,18 +95,6 @@ def memory_list(
     return comma_separated(rows)
 
 
-def core(config: Config, names: Names) -> str:
-    """Core file for FuseSoC."""
-    facts = {"config": config, "names": names, "waivers": WAIVERS.name}
-    return filled("splatcore.core", version=version("splatcore"), **facts)
-
-
-def testbench(config: Config, names: Names) -> str:
-    """Testbench of the registers, for any Verilog simulator."""
-    facts = {"registers": register_map(config), "ids": ID_BITS, "reset": RESET_CYCLES}
-    return filled("testbench.v", config=config, names=names, **facts)
-
-
 def ports_of(component: wiring.Component) -> dict[bool, list[str]]:
     """Verilog names of a component's inputs (True) and outputs, without clk and rst."""
     ports: dict[bool, list[str]] = {True: [], False: []}
@@ -124,7 +111,9 @@ def constraints(config: Config, ports: dict[bool, list[str]]) -> str:
     period = 1e9 / CLOCK_HZ
     times = {"period": period, "uncertainty": period / 10, "half": period / 2}
     facts = {"config": config, "megahertz": CLOCK_HZ / 1e6, "reset": RESET_CYCLES}
-    return filled("splatcore.sdc", **times, **facts, inputs=ports[True], outputs=ports[False])
+    return filled(
+        "deliver/splatcore.sdc", **times, **facts, inputs=ports[True], outputs=ports[False]
+    )
 
 
 def stage_source(
@@ -181,7 +170,7 @@ def write_stages(config: Config, folder: Path, names: Names = NAMES) -> list[Pat
         f"{names.prefix}_{k}.v": stage_source(k, make(config), config, names=names)
         for k, make in STAGES.items()
     }
-    return _written(folder, texts)
+    return write_texts(folder, texts | {WAIVERS.name: WAIVERS.read_text()})
 
 
 def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
@@ -194,24 +183,21 @@ def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
     shapes = sorted(set(macros.sizes))
     memories = MEMORIES_HEADER.format(preset=config.name)
     memories += "\n".join(module(*shape, names.prefix) for shape in shapes)
+    facts = {"config": config, "names": names}
     texts = {
         **dict(zip(names.sources, (memories, source), strict=True)),
         "memories.csv": memory_list(shapes, instances(source, names.top), names.prefix),
-        f"{names.prefix}.core": core(config, names),
-        f"{names.prefix}_testbench.v": testbench(config, names),
+        f"{names.prefix}.core": filled(
+            "deliver/splatcore.core", version=version("splatcore"), waivers=WAIVERS.name, **facts
+        ),
+        f"{names.prefix}_testbench.v": filled(
+            "deliver/testbench.v", registers=register_map(config), ids=ID_BITS, reset=RESET_CYCLES,
+            **facts,
+        ),
         f"{names.prefix}.sdc": constraints(config, ports_of(top)),
-    }
-    return _written(folder, texts)
-
-
-def _written(folder: Path, texts: dict[str, str]) -> list[Path]:
-    """Write files, text by name, and the waivers into a folder. Returns their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    texts |= {WAIVERS.name: WAIVERS.read_text()}
-    paths = {folder / name: text for name, text in texts.items()}
-    for path, text in paths.items():
-        write(path, text.encode())
-    return list(paths)
+        WAIVERS.name: WAIVERS.read_text(),
+    }  # fmt: skip
+    return write_texts(folder, texts)
 
 
 def write_registers(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from splatcore.eda.deliver.verilog import NAMES, write_registers, write_top
-from splatcore.eda.template import filled
+from splatcore.eda.template import filled, write_texts
 from splatcore.golden.pipeline import render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
@@ -41,19 +41,18 @@ def write_example(folder: Path) -> list[Path]:
     texts = {
         "frame.json": json.dumps(frame(config, job, areas), indent=2) + "\n",
         "ports.vlt": public_ports((folder / "rtl" / NAMES.sources[-1]).read_text()),
-        "run.py": Path(__file__).with_name("run.py").read_text(),
-        "test_frame.py": Path(__file__).with_name("test_frame.py").read_text(),
     }
+    for name in ("run.py", "test_frame.py"):
+        texts[name] = Path(__file__).with_name(name).read_text()
     facts = {"names": NAMES, "libraries": {name: version(name) for name in LIBRARIES}}
     facts |= {"size": "{}×{}".format(*SIZE), "count": GAUSSIANS}
     for name in ("Makefile", "requirements.txt", "README.md"):
-        texts[name] = filled(name, "example", **facts)
-    for name, text in texts.items():
-        write(folder / name, text.encode())
+        texts[name] = filled(f"example/{name}", **facts)
+    paths += write_texts(folder, texts)
     write(folder / "model.splatcore", job.model.image.tobytes())
     with whole_file(folder / "expected.png") as path:
         write_png(path, render(config, *job).pixels)
-    return [*paths, *(folder / name for name in (*texts, "model.splatcore", "expected.png"))]
+    return [*paths, folder / "model.splatcore", folder / "expected.png"]
 
 
 def frame(config: Config, job: Job, areas: Areas) -> dict:

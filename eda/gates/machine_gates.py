@@ -14,16 +14,15 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from amaranth.back import rtlil
+from rich.table import Table
 
 from splatcore.eda.gates.hierarchy import Hierarchy, Instance
 from splatcore.eda.gates.macros import Macros, memory_name
-from splatcore.eda.gates.synth import DEPTH_MAX, Netlist, yosys
+from splatcore.eda.gates.synth import DEPTH_MAX, Netlist, rtlil_of, yosys
 from splatcore.eda.paper import GATES, GATES_ALL
 from splatcore.hdl.top import Top
 from splatcore.sim.common.output import console, messages, progress_bar
 from splatcore.sim.common.table import new_table
-from splatcore.sim.rtl.convert import collecting_rarely
 from splatcore.spec.config import Config
 
 
@@ -95,9 +94,7 @@ class Size:
 
 def netlist(config: Config) -> Hierarchy:
     """Netlist of the whole machine without its memories."""
-    with collecting_rarely():
-        text = rtlil.convert(Top(config), name="top", platform=Macros(), emit_src=False)
-    return Hierarchy(text)
+    return Hierarchy(rtlil_of(Top(config), Macros()))
 
 
 def part_of(path: str) -> Part | None:
@@ -113,20 +110,24 @@ def part_around(path: str) -> str:
     return part.name
 
 
-def placed_pieces(hierarchy: Hierarchy) -> list[tuple[Part, str, Netlist]]:
-    """Part, path and cut-out netlist of each instance of each part."""
+class Piece(NamedTuple):
+    """An instance of a part: its path, and its netlist without the parts inside of it."""
+
+    part: Part
+    path: str
+    netlist: Netlist
+
+
+def pieces(hierarchy: Hierarchy) -> list[Piece]:
+    """The instances of each part."""
     places: dict[Part, list[Instance]] = {part: [] for part in PARTS}
     for instance in hierarchy.instances():
         if part := part_of(instance.path):
             places[part].append(instance)
     return [
-        (part, root.path, hierarchy.piece(root, part_of)) for part in PARTS for root in places[part]
-    ]
-
-
-def pieces(hierarchy: Hierarchy) -> list[tuple[Part, Netlist]]:
-    """Part and cut-out netlist of each instance of each part."""
-    return [(part, netlist) for part, _, netlist in placed_pieces(hierarchy)]
+        Piece(part, root.path, hierarchy.piece(root, part_of))
+        for part in PARTS for root in places[part]
+    ]  # fmt: skip
 
 
 def whole(hierarchy: Hierarchy) -> Netlist:
@@ -198,17 +199,34 @@ def examined(whole: Netlist) -> dict[str, int | list[str]]:
 def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
     """Synthesise each part. advance: called with pieces done, pieces in all, and the next piece."""
     work = pieces(hierarchy)
-    found: dict[Part, list[dict[str, float]]] = {part: [] for part, _ in work}
-    memories: dict[Part, list[str]] = {part: [] for part in found}
-    for done, (part, piece) in enumerate(work):
+    found: dict[Part, list[dict[str, float]]] = {}
+    memories: dict[Part, list[str]] = {}
+    for done, (part, _, piece) in enumerate(work):
         advance(done, len(work), f"synthesising {part.name}")
-        found[part].append(piece.gates() | {"flip_flops_before": flip_flops_before(piece)})
-        memories[part] += (memory_name(*size) for size in piece.memories)
+        counts = piece.gates() | {"flip_flops_before": flip_flops_before(piece)}
+        found.setdefault(part, []).append(counts)
+        memories.setdefault(part, []).extend(memory_name(*size) for size in piece.memories)
     whole = []
     for part, all in found.items():  # sums, but maximum depths
         size = {k: (max if "depth" in k else sum)(each[k] for each in all) for k in all[0]}
         whole.append(Size(part, len(all), **size, memories=tuple(memories[part])))
     return whole
+
+
+def add_parts(
+    table: Table, found: list, row: Callable[[list, int | None], Iterable[str]]
+):  # fmt: skip
+    """Add a row per stage and per part of it, and one for all, to a table.
+
+    found: sizes of the parts, each with its `part`
+    row: the cells for some of them and the paper's gates, None for a part
+    """
+    for stage, parts in groupby(found, key=lambda size: size.part.stage):
+        parts = list(parts)
+        table.add_row(stage, *row(parts, GATES.get(stage)), style="bold")
+        for size in parts:
+            table.add_row(f"  {size.part.name}", *row([size], None))
+    table.add_row("all", *row(found, GATES_ALL), style="bold")
 
 
 def synthesise_machine(config: Config) -> dict:
@@ -220,12 +238,7 @@ def synthesise_machine(config: Config) -> dict:
         about = examined(whole(hierarchy))
     title = f"preset {config.name}; thousands of NAND2; depth for speed ≤ {DEPTH_MAX}"
     table = new_table("part", ("count", "each", "all", "for speed", "depth", "paper"), title)
-    for stage, parts in groupby(found, key=lambda size: size.part.stage):
-        parts = list(parts)
-        table.add_row(stage, *_row(parts, None, GATES.get(stage)), style="bold")
-        for size in parts:
-            table.add_row(f"  {size.part.name}", *_row([size], size.count, None))
-    table.add_row("all", *_row(found, None, GATES_ALL), style="bold")
+    add_parts(table, found, _row)
     console.print(table)
     parted = sum(size.flip_flops_before for size in found)
     console.print(
@@ -244,13 +257,12 @@ def synthesise_machine(config: Config) -> dict:
     }
 
 
-def _row(sizes: list[Size], count: int | None, paper: int | None) -> Iterable[str]:
+def _row(sizes: list[Size], paper: int | None) -> Iterable[str]:
     """Cells of a table row: sums, and the maximum depth."""
-    nand2, speed_nand2 = (
-        sum(getattr(size, name) for size in sizes) for name in ("nand2", "speed_nand2")
-    )
+    nand2, speed = (sum(getattr(size, k) for size in sizes) for k in ("nand2", "speed_nand2"))
+    count = sizes[0].count if len(sizes) == 1 else None
     yield str(count or "")
-    for value in (count and nand2 / count, nand2, speed_nand2):
+    for value in (count and nand2 / count, nand2, speed):
         yield f"{value / 1000:,.1f}" if value else ""
     yield str(max(size.speed_depth for size in sizes))
     yield f"{paper / 1000:,.1f}" if paper else ""

@@ -5,36 +5,12 @@ import re
 from amaranth.hdl import ClockSignal, Instance, Module, Shape
 from amaranth.lib.memory import Memory
 
-PORTS = """\
-  input clk,
-  input write_enable,
-  input [{address}:0] write_address,
-  input [{data}:0] write_data,
-  input read_enable,
-  input [{address}:0] read_address,
-"""
+from splatcore.eda.template import filled
 
-BOX = """\
-(* blackbox *)
-module {name} (
-{ports}  output [{data}:0] read_data
-);
-endmodule
-"""
-
-MODULE = """\
-module {name} (
-{ports}  output reg [{data}:0] read_data
-);
-  reg [{data}:0] rows [0:{last}];
-
-  always @(posedge clk) begin
-    if (write_enable) rows[write_address] <= write_data;
-    if (read_enable) read_data <= rows[read_address];
-  end
-endmodule
-"""
-
+PORTS = (
+    "clk", "write_enable", "write_address", "write_data", "read_enable", "read_address", "read_data"
+)  # fmt: skip
+"""A memory's ports in order; the last one is its only output."""
 
 PREFIX = "splatcore"
 """Default prefix of module names."""
@@ -51,21 +27,14 @@ def memory_size(module: str) -> tuple[int, int]:
     return words, bits
 
 
-def _text(template: str, words: int, bits: int, prefix: str = PREFIX) -> str:
+def module(words: int, bits: int, prefix: str = PREFIX, blackbox: bool = False) -> str:
+    """Verilog of a memory, from which tools infer block RAM or flip-flops.
+
+    blackbox: write only its ports
+    """
     address, data = (words - 1).bit_length() - 1, bits - 1
-    ports = PORTS.format(address=address, data=data)
-    name = memory_name(words, bits, prefix)
-    return template.format(name=name, ports=ports, data=data, last=words - 1)
-
-
-def box(words: int, bits: int) -> str:
-    """Verilog of a memory as a black box: its ports only."""
-    return _text(BOX, words, bits)
-
-
-def module(words: int, bits: int, prefix: str = PREFIX) -> str:
-    """Verilog of a memory, from which tools infer block RAM or flip-flops."""
-    return _text(MODULE, words, bits, prefix)
+    facts = {"name": memory_name(words, bits, prefix), "blackbox": blackbox}
+    return filled("gates/memory.v", address=address, data=data, last=words - 1, **facts)
 
 
 class Macros:

@@ -2,7 +2,7 @@
 
 A NAND2 has four transistors; `stat -tech cmos` counts transistors of the mapped netlist, flip-flops
 included. The result is within 10 % of a mapping to a real 180 nm library. Memories are not counted
-but listed (`sim.eda.macros`).
+but listed (`eda.gates.macros`).
 """
 
 import re
@@ -19,7 +19,7 @@ from amaranth.back import rtlil
 from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 
-from splatcore.eda.gates.macros import Macros, box
+from splatcore.eda.gates.macros import Macros, module
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.rtl.convert import collecting_rarely
 
@@ -92,6 +92,12 @@ def memories(component: wiring.Component) -> tuple[tuple[int, int], ...]:
     return tuple(macros.sizes)
 
 
+def rtlil_of(component: wiring.Component, platform: object) -> str:
+    """RTLIL of a component as the module `top`."""
+    with collecting_rarely():
+        return rtlil.convert(component, name="top", platform=platform, emit_src=False)
+
+
 @dataclass(frozen=True)
 class Netlist:
     """RTLIL of the module `top`, and the words and bits of the memories replaced in it."""
@@ -103,9 +109,7 @@ class Netlist:
     def of(cls, component: wiring.Component) -> "Netlist":
         """Netlist of a component."""
         macros = Macros()
-        with collecting_rarely():
-            text = rtlil.convert(component, name="top", platform=macros, emit_src=False)
-        return cls(text, tuple(macros.sizes))
+        return cls(rtlil_of(component, macros), tuple(macros.sizes))
 
     def run(
         self,
@@ -118,7 +122,7 @@ class Netlist:
         summary: function of the folder's files by name; its result must fit in JSON
         files: further files that the script reads
         """
-        boxes = "".join(box(*size) for size in sorted(set(self.memories)))
+        boxes = "".join(module(*size, blackbox=True) for size in sorted(set(self.memories)))
         files = {"top.il": self.text, "macros.v": boxes} | (files or {})
         return kept_json("synth", (YOSYS, script, files), lambda: summary(yosys(script, files)))
 

@@ -39,7 +39,7 @@ SAMPLE_LENGTH = 4096
 """Cycles per window. A net that differs from the previous window counts as one change."""
 
 COUNTED = 1 << 17  # cycles of a frame that are sampled by default, about
-MACRO = "macro"  # instance of a memory (`sim.eda.macros`); its nets are not logic
+MACRO = "macro"  # instance of a memory (`eda.gates.macros`); its nets are not logic
 
 TOP_DEPTH = 2
 """Instances around the machine's own: Verilator's, which repeats its ports, and `top`."""
@@ -70,7 +70,7 @@ class Accesses:
 class Counts:
     """Switching of a frame.
 
-    parts: by name, as in `sim.eda.machine_gates.PARTS`
+    parts: by name, as in `eda.gates.machine_gates.PARTS`
     cycles, pixels: of a frame
     sample_every: one window in `sample_every` was sampled
     simulated, counted: cycles of the run, and of its sampled windows

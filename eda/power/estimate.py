@@ -2,7 +2,7 @@
 
 Energy of a part's gates per cycle: activity × energy if all nets change once. The latter is
 NAND2-equivalents × energy of a switching NAND2, or comes from the cells of a library
-(`sim.power.cells`). Activity is measured in RTL, as changes per bit and cycle of the part's nets,
+(`eda.power.cells`). Activity is measured in RTL, as changes per bit and cycle of the part's nets,
 which stand for the nets of the synthesised gates. Both are rough: RTL has nets that synthesis
 removes (constants, and several names of one wire), gates have more nets than RTL, and hazards are
 left out. Flip-flops are clocked in every cycle of a frame, as there are no clock gates. Memories

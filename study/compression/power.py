@@ -1,4 +1,4 @@
-"""ESTIMATE of power after each step of compression (see `sim.power`).
+"""ESTIMATE of power after each step of compression (see `eda.power`).
 
 Each step's scene is packed for the machine and rendered in RTL simulation, which counts switching
 and checks the picture against the golden model.

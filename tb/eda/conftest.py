@@ -1,18 +1,51 @@
-"""Fixtures of the small cell library: its file, and the library read from it."""
+"""Fixtures: the small cell library; register files of all machines; the Verilog of TINY."""
+
+from pathlib import Path
 
 import pytest
 
 from splatcore.eda.cells.liberty_file import read_liberty
-from tb.helpers.liberty import small_library
+from splatcore.eda.deliver.register_files import DRIVER, FILES, write_register_files
+from splatcore.eda.deliver.verilog import write_top
+from splatcore.sim.common.cache import kept_folder
+from splatcore.sim.common.sources import code_key
+from splatcore.spec.config import TINY
+from tb.helpers.command import run
+from tb.helpers.ports import MAPS
 
 
-@pytest.fixture(scope="module")
-def liberty_path(tmp_path_factory):
-    file = tmp_path_factory.mktemp("liberty") / "small.lib"
-    file.write_text(small_library())
-    return file
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def library(liberty_path):
     return read_liberty(liberty_path)
+
+
+@pytest.fixture(scope="session")
+def register_files(tmp_path_factory):
+    """Folder of the register files by machine."""
+    folders = {}
+    for config in MAPS:
+        folders[config] = tmp_path_factory.mktemp(config.name)
+        paths = write_register_files(config, folders[config])
+        assert [path.name for path in paths] == [*FILES, *DRIVER]
+    return folders
+
+
+@pytest.fixture(params=MAPS, ids=lambda config: config.name)
+def files(request, register_files):
+    """A machine, and the folder with its register files."""
+    return request.param, register_files[request.param]
+
+
+@pytest.fixture
+def tiny_files(register_files):
+    return register_files[TINY]
+
+
+@pytest.fixture(scope="session")
+def tiny_rtl() -> Path:
+    """The files of `splatcore verilog --preset TINY`; written again only after a change of code."""
+
+    def written(folder: Path):
+        assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
+
+    return kept_folder("tiny", [code_key(write_top), code_key(run), TINY], written) / "rtl"

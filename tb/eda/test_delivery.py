@@ -14,67 +14,21 @@ from splatcore.eda.deliver.names import readable, without_source
 from splatcore.eda.deliver.verilog import Names, lint, stage_source, write_top
 from splatcore.hdl.points.place import Place
 from splatcore.spec.config import TINY
-from tb.helpers.command import ROOT, check_refused, run
+from tb.helpers.command import ROOT, check_refused
 from tb.helpers.runs import needs_icarus
+
+HERE = Path(__file__).parent
 
 NETS = re.compile(r"^  (?:wire|reg) (?:\[\S+\] )?(\S+)", re.M)
 
 WIDE = replace(TINY, name="WIDE", port=256)
 
-PAIR = """\
-module pair(input clk, input rst, output one, output other);
-  left_top left(.clk(clk), .rst(rst), .interrupt(one));
-  right_top right(.clk(clk), .rst(rst), .interrupt(other));
-endmodule
-"""
-
-GENERATED = """\
-module top(a, b);
-  (* src = "/home/x/hdl/left.py:3" *)
-  wire \\$1 ;
-  wire \\$2 ;
-  wire \\$3 ;
-  wire [3:0] \\b$4.low ;
-  wire \\$5 ;
-  reg \\begin ;
-  reg b_4__low;
-  wire \\$6 ;
-  wire c_next;
-  assign \\$1  = a & (* src = "/home/x/lib/site-packages/amaranth/right.py:7|/x/y.py:8" *) \\$3 ;
-  assign \\$2  = \\b$4.low [3];
-  assign \\$5  = 1'h0;
-  always @(posedge clk)
-    \\begin  <= \\$3 ;
-    c <= \\$6 ;
-endmodule
-"""
-
-NAMED = """\
-module top(a, b);
-  (* src = "hdl/left.py:3" *)
-  wire right_py_7_1 ;
-  wire b_4__low_3_2 ;
-  wire begin__next ;
-  wire [3:0] b_4__low_ ;
-  wire net_5 ;
-  reg begin_ ;
-  reg b_4__low;
-  wire net_6 ;
-  wire c_next;
-  assign right_py_7_1  = a & (* src = "amaranth/right.py:7|y.py:8" *) begin__next ;
-  assign b_4__low_3_2  = b_4__low_ [3];
-  assign net_5  = 1'h0;
-  always @(posedge clk)
-    begin_  <= begin__next ;
-    c <= net_6 ;
-endmodule
-"""
-
 
 def test_each_kind_of_name():
     """Names from a source line, a slice, a register's next value; keywords and used names."""
-    assert readable(GENERATED) == NAMED
-    assert "(*" not in without_source(NAMED) and without_source(NAMED).count("\n") == 17
+    generated, named = ((HERE / name).read_text() for name in ("generated.v", "readable.v"))
+    assert readable(generated) == named
+    assert "(*" not in without_source(named) and without_source(named).count("\n") == 17
 
 
 def test_names_of_a_stage():
@@ -101,8 +55,7 @@ def test_two_machines_in_one_design(tmp_path):
         folder = tmp_path / names.prefix
         write_top(config, folder, names)
         sources += [folder / name for name in names.sources]
-    (tmp_path / "pair.v").write_text(PAIR)
-    lines = lint("pair", tmp_path / "pair.v", *sources)
+    lines = lint("pair", HERE / "pair.v", *sources)
     assert all("PINMISSING" in line for line in lines if line.startswith("%Warning")), lines
     assert all("warning(s)" in line for line in lines if line.startswith("%Error")), lines
     modules = re.findall(r"^module (\w+)", "".join(path.read_text() for path in sources), re.M)
@@ -114,24 +67,27 @@ def test_prefixes_must_be_identifiers(capsys):
         check_refused(capsys, f"verilog -o none --prefix={name}", "is not a Verilog identifier")
 
 
-@pytest.fixture(scope="module")
-def delivered(tmp_path_factory) -> Path:
-    """A folder with `rtl/`, written by `splatcore verilog`."""
-    folder = tmp_path_factory.mktemp("flow")
-    assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
-    return folder
+@pytest.fixture
+def delivered(tiny_rtl, tmp_path) -> Path:
+    """A folder with a copy of TINY's files in `rtl/`."""
+    shutil.copytree(tiny_rtl, tmp_path / "rtl")
+    return tmp_path
+
+
+def at_prompt(folder: Path, script: str) -> subprocess.CompletedProcess:
+    """Run a script in a folder, with FuseSoC on the path."""
+    variables = {k: v for k, v in os.environ.items() if k != "VERILATOR_ROOT"}
+    variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), variables["PATH"]])
+    return subprocess.run(
+        ["bash", "-ec", script], cwd=folder, env=variables, capture_output=True, text=True
+    )
 
 
 def flow(folder: Path, target: str) -> subprocess.CompletedProcess:
     """Run the commands of docs/integration.md for a FuseSoC target."""
     text = (ROOT / "docs" / "integration.md").read_text()
     (block,) = re.findall(r"^```sh\n(root=.*?)^```", text, re.M | re.S)
-    variables = {k: v for k, v in os.environ.items() if k != "VERILATOR_ROOT"}
-    variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), variables["PATH"]])
-    return subprocess.run(
-        ["bash", "-ec", block.replace("lint", target)],
-        cwd=folder, env=variables, capture_output=True, text=True,
-    )  # fmt: skip
+    return at_prompt(folder, block.replace("lint", target))
 
 
 @pytest.mark.slow
@@ -144,27 +100,22 @@ def test_fusesoc_lint(delivered):
 @needs_icarus
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", [False, True])
-def test_fusesoc_sim(delivered, tmp_path, fault):
+def test_fusesoc_sim(delivered, fault):
     """The testbench passes in Icarus, and fails if it expects another ID."""
-    folder = Path(shutil.copytree(delivered / "rtl", tmp_path / "rtl")).parent
     if fault:
-        bench = folder / "rtl" / "splatcore_testbench.v"
+        bench = delivered / "rtl" / "splatcore_testbench.v"
         text = bench.read_text()
         bench.write_text(text.replace("32'h544c5053", "32'h544c5054"))
         assert bench.read_text() != text
-    done = flow(folder, "sim")
+    done = flow(delivered, "sim")
     assert (done.returncode == 0) == (not fault), done.stdout + done.stderr
     assert ("splatcore_testbench: passed" in done.stdout + done.stderr) == (not fault)
 
 
 @pytest.mark.slow
-def test_fusesoc_targets(delivered):
+@pytest.mark.parametrize("target", ["default --tool icarus", "synth"])
+def test_fusesoc_targets(delivered, target):
     """All files that the core file names exist, for every target."""
-    for target in ("default --tool icarus", "synth"):
-        words = ["fusesoc", "--cores-root", "rtl", "run", "--setup", "--target"]
-        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        done = subprocess.run(
-            [*words, *target.split(), "splatcore"],
-            cwd=delivered, env=os.environ | {"PATH": path}, capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
+    words = f"fusesoc --cores-root rtl run --setup --target {target} splatcore"
+    done = at_prompt(delivered, words)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from pathlib import Path
 
 import pytest
 from amaranth.hdl import Cat, Module, Mux, Signal
@@ -12,16 +13,7 @@ from amaranth.sim import Simulator
 
 from splatcore.app.cli import sizes
 from splatcore.eda.fpga import fpga
-from splatcore.eda.fpga.fpga import (
-    NotPlaced,
-    Placed,
-    from_report,
-    placed,
-    plain,
-    register,
-    used,
-    why_not,
-)
+from splatcore.eda.fpga.fpga import NotPlaced, Placed, placed
 from splatcore.eda.fpga.fpga_wrap import Lanes, Wrap
 from splatcore.hdl.lib.stream import Queue, Register
 from splatcore.sim.common.cache import VARIABLE
@@ -44,6 +36,13 @@ Info: Placed 0 cells based on constraints.
 ERROR: Unable to place cell 'top.x', no BELs remaining to implement cell type 'MULT18X18D'
 0 warnings, 1 error
 """
+
+
+@pytest.fixture(autouse=True)
+def kept(monkeypatch, tmp_path) -> Path:
+    """An empty cache for each test."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "kept"))
+    return tmp_path / "kept"
 
 
 def step(kind: str, delay: float, begin: str, end: str) -> dict:
@@ -91,22 +90,25 @@ class Small(wiring.Component):
 
 
 def test_log():
-    assert used(LOG)["MULT18X18D"] == (64, 28) and used(LOG)["TRELLIS_FF"] == (8437, 24288)
-    assert why_not(LOG) == "does not fit: luts 26670 of 24288, multipliers 64 of 28"
+    assert fpga.used(LOG)["MULT18X18D"] == (64, 28) and fpga.used(LOG)["TRELLIS_FF"] == (
+        8437,
+        24288,
+    )
+    assert fpga.why_not(LOG) == "does not fit: luts 26670 of 24288, multipliers 64 of 28"
     fits = LOG.replace("64/", "4/").replace("26670/", "2667/")
-    assert why_not(fits).startswith("Unable to place cell")
-    assert why_not("Info: a\nKilled\n") == "nextpnr failed: Killed"
+    assert fpga.why_not(fits).startswith("Unable to place cell")
+    assert fpga.why_not("Info: a\nKilled\n") == "nextpnr failed: Killed"
 
 
 def test_report():
     wrap = Wrap(Small())
     assert (wrap.inputs, wrap.outputs) == (4 + 1 + 6, 1 + 3 * 4 + 12)
     assert (wrap.flip_flops, wrap.luts) == (11 + 2 * 25, 24)
-    assert from_report(REPORT, wrap) == Placed(
+    assert fpga.from_report(REPORT, wrap) == Placed(
         300 - 24, 400 - 61, 0, 6, 123.46, "a.b", "e.d", logic=0.88, routing=2.75
     )  # fmt: skip
-    assert register("part.x.y$3_TRELLIS_FF_Q_1") == "x.y"
-    assert register("part.sums.0.33$DPRAM_COMB3") == "sums"
+    assert fpga.register("part.x.y$3_TRELLIS_FF_Q_1") == "x.y"
+    assert fpga.register("part.sums.0.33$DPRAM_COMB3") == "sums"
 
 
 def shifted(word: int) -> tuple[list[int], list[int]]:
@@ -156,7 +158,6 @@ def test_failure_is_reported(monkeypatch, tmp_path, capsys):
         asked.append((device, speed))
         return (None, LOG) if len(asked) == 1 else (REPORT, "")
 
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
     monkeypatch.setattr(fpga, "place", place)
     parts = {"wide": lambda config: Small(), "add": lambda config: Register(3)}
     monkeypatch.setattr(fpga, "PARTS", parts)
@@ -198,7 +199,6 @@ def nextpnr(monkeypatch, tmp_path):
         )
     )  # fmt: skip
     program.chmod(0o755)
-    monkeypatch.setenv(VARIABLE, str(tmp_path / "kept"))
     monkeypatch.setattr(fpga, "find_nextpnr", lambda: program)
     monkeypatch.setattr(fpga, "yosys", lambda script, files: {"top.json": "{}"})
     return asked
@@ -230,7 +230,7 @@ def test_plain_names():
     """Brackets are removed from names of array elements, and kept for bits of wires."""
     text = "  wire width 3 \\part.slots[1][23]\n  connect \\a [2:0] \\part.slots[1][23] [1]\n"
     expected = "  wire width 3 \\part.slots.1.23\n  connect \\a [2:0] \\part.slots.1.23 [1]\n"
-    assert plain(text) == expected
+    assert fpga.plain(text) == expected
 
 
 class Elements(wiring.Component):
@@ -243,30 +243,26 @@ class Elements(wiring.Component):
         m = Module()
         value, elements = Signal(2, name="value"), [Signal(name=f"value[{k}]") for k in range(3)]
         m.d.sync += value.eq(value + self.i[0] + self.i[1])
-        m.d.sync += [
-            element.eq(bit ^ value[0]) for element, bit in zip(elements, self.i, strict=True)
-        ]
+        m.d.sync += [elements[k].eq(self.i[k] ^ value[0]) for k in range(3)]
         m.d.sync += self.o.eq(Mux(elements[0], value, Cat(elements[1] & elements[2], elements[1])))
         return m
 
 
 @pytest.mark.slow
-def test_names_of_elements(monkeypatch, tmp_path):
+def test_names_of_elements():
     """All registers survive: with brackets yosys would take one for the wire's bit."""
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
     (found,) = placed(Elements(), "25k")
     assert found.flip_flops == 7
 
 
 @pytest.mark.slow
-def test_small_part(monkeypatch, tmp_path):
+def test_small_part(monkeypatch, kept):
     """A multiplier's numbers equal nextpnr's log; a second run uses the cache."""
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
     part = fpga.PARTS["multiply"](TINY)
     (found,) = placed(part, "25k")
-    (path,) = tmp_path.glob("fpga/*.json")
+    (path,) = kept.glob("fpga/*.json")
     log, wrap = json.loads(path.read_text())["log"], Wrap(fpga.PARTS["multiply"](TINY))
-    cells = used(log)
+    cells = fpga.used(log)
     assert found.multipliers == cells["MULT18X18D"][0] == 1
     assert found.flip_flops + wrap.flip_flops == cells["TRELLIS_FF"][0]
     assert found.luts + wrap.luts == cells["TRELLIS_COMB"][0]
@@ -279,10 +275,9 @@ def test_small_part(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("rows", "block_rams"), [(8, 0), (64, 1)])
-def test_memories(rows, block_rams, monkeypatch, tmp_path):
+def test_memories(rows, block_rams):
     """A small queue becomes distributed RAM, a larger one block RAM, without registers for a
     row that is read while it is written."""
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
     (found,) = placed(Queue(BITS, rows, memory=True), "25k")
     assert found.block_rams == block_rams
     assert found.flip_flops < BITS + 4 * rows.bit_length()
@@ -307,7 +302,6 @@ class Large(wiring.Component):
 
 
 @pytest.mark.slow
-def test_too_large(monkeypatch, tmp_path):
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
+def test_too_large():
     with pytest.raises(NotPlaced, match="does not fit: multipliers 30 of 28"):
         list(placed(Large(), "25k"))

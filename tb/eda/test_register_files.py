@@ -1,25 +1,25 @@
-"""The register page and C header, against `spec.registers`; two machines in one C program."""
+"""The register page, the C header, and SystemRDL as an independent compiler reads it, against
+`spec.registers`."""
 
 import re
 import subprocess
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+from peakrdl_ipxact import IPXACTExporter
+from systemrdl import RDLCompiler
+from systemrdl.messages import MessagePrinter
+from systemrdl.node import AddrmapNode
+from systemrdl.rdltypes import OnWriteType
 
-from splatcore.eda.deliver.register_files import DRIVER, FILES, sizes, write_register_files
+from splatcore.eda.deliver.register_files import fields, sizes
 from splatcore.spec import registers
 from splatcore.spec.axi import RENDERING
-from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.config import TINY
 from splatcore.spec.registers import READY, START, ErrorCode, register_map
-from tb.helpers.ports import MAPS, wide_addresses
 
-
-@pytest.fixture(params=MAPS, ids=lambda config: config.name)
-def files(request, tmp_path):
-    """A machine, and the folder with its generated files."""
-    paths = write_register_files(request.param, tmp_path)
-    assert [path.name for path in paths] == [*FILES, *DRIVER]
-    return request.param, tmp_path
+READ, WRITTEN = ("read", "write", "frame", "clear"), ("write", "frame", "clear", "control")
 
 
 def defines(folder: Path) -> dict[str, int]:
@@ -60,49 +60,73 @@ def test_page(files):
         assert len(meaning) > 5
 
 
-TWO = """\
-#include <stdio.h>
-#include "left_camera.h"
-#include "RIGHT_camera.h"
-void left_write(void *device, uint32_t address, uint32_t value)
-{
-    (void)device, (void)address, (void)value;
-}
-uint32_t left_read(void *device, uint32_t address) { (void)device; return address; }
-void left_pause(void *device) { (void)device; }
-void RIGHT_write(void *device, uint32_t address, uint32_t value)
-{
-    (void)device, (void)address, (void)value;
-}
-uint32_t RIGHT_read(void *device, uint32_t address) { (void)device; return address; }
-void RIGHT_pause(void *device) { (void)device; }
-int main(void)
-{
-    struct left_memory left = {0};
-    struct RIGHT_memory right = {0};
-    printf("%d %d\\n", LEFT_WIDTH_MAX, RIGHT_WIDTH_MAX);
-    printf("%d %d\\n", (int)sizeof left.model, (int)sizeof right.model);
-    printf("%d %d\\n", (int)left_open(0), (int)RIGHT_open(0));
-    return 0;
-}
-"""
+class Strict(MessagePrinter):
+    """Raise on warnings, too."""
+
+    def print_message(self, severity, text, source):
+        raise AssertionError(f"{severity.name}: {text}")
 
 
-def test_headers_and_drivers_of_two_machines(tmp_path):
-    """One C program includes and links both; every name has its machine's prefix."""
-    machines = {"left": TINY, "RIGHT": wide_addresses(DEFAULT)}
-    paths = [
-        path
-        for prefix, config in machines.items()
-        for path in write_register_files(config, tmp_path, prefix)
-    ]
-    left = [path for path in paths if path.suffix in (".c", ".h", ".rdl")]
-    assert not re.search(r"\bsplatcore_|SPLATCORE_", "".join(p.read_text() for p in left))
-    assert {path.name.split("_")[0].split(".")[0] for path in left} == set(machines)
-    (tmp_path / "two.c").write_text(TWO)
-    sources = [tmp_path / "two.c", *(path for path in left if path.suffix == ".c")]
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", f"-I{tmp_path}"]
-    program = tmp_path / "two"
-    subprocess.run(["gcc", *flags, *sources, "-lm", "-o", program], check=True)
-    done = subprocess.run([program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["64 1920", "4 8", "-1 -1"]
+def compiled(path: Path) -> AddrmapNode:
+    compiler = RDLCompiler(message_printer=Strict())
+    compiler.compile_file(str(path))
+    return compiler.elaborate().top
+
+
+@pytest.fixture
+def described(files):
+    """A machine, and its register map as the compiler reads it."""
+    return files[0], compiled(files[1] / "splatcore.rdl")
+
+
+def test_registers(described):
+    """Each register has the right name, address, width, access and reset value."""
+    config, top = described
+    given, found = register_map(config), {node.absolute_address: node for node in top.registers()}
+    assert list(found) == list(given)
+    for address, register in given.items():
+        node = found[address]
+        inside = list(node.fields())
+        assert node.inst_name == register.name and node.size == 4
+        assert node.get_property("desc").startswith(register.about)
+        assert sum(field.width for field in inside) == register.width == inside[-1].high + 1
+        for field in inside:
+            assert field.is_sw_readable == (register.access in READ)
+            assert field.is_sw_writable == (register.access in WRITTEN)
+            kind = field.get_property("onwrite")
+            clears = OnWriteType.wclr if register.name == "ERROR" else OnWriteType.woclr
+            assert kind == (clears if register.access == "clear" else None)
+            assert field.get_property("singlepulse") == (register.access == "control")
+        resets = [field.get_property("reset") for field in inside]
+        if register.reset is None:
+            assert set(resets) == {None}
+        else:
+            value = sum(reset << field.low for reset, field in zip(resets, inside, strict=True))
+            assert value == register.reset
+
+
+def test_fields(described):
+    """Fields have the names used by header and page; error codes are listed."""
+    config, top = described
+    for register in register_map(config).values():
+        inside = list(top.get_child_by_name(register.name).fields())
+        assert [(f.inst_name, f.low, f.width) for f in inside] == [
+            (f.name, f.low, f.width) for f in fields(register)
+        ]
+    names = {name: top.get_child_by_name(name).fields() for name in ("STATUS", "INTERRUPT_ENABLE")}
+    assert [f.inst_name for f in names["STATUS"]] == ["READY", "PREPROCESSING", "RENDERING"]
+    assert [f.inst_name for f in names["INTERRUPT_ENABLE"]] == ["READY", "FRAME", "ERROR"]
+    codes = top.get_child_by_name("ERROR").get_child_by_name("CODE").get_property("encode")
+    assert {code.name: int(code) for code in codes} == {code.name: int(code) for code in ErrorCode}
+
+
+def test_ip_xact(tiny_files, tmp_path):
+    """PeakRDL's IP-XACT export has all registers at their addresses."""
+    IPXACTExporter().export(compiled(tiny_files / "splatcore.rdl"), str(tmp_path / "splatcore.xml"))
+    tree = ElementTree.parse(tmp_path / "splatcore.xml")
+    found = {}
+    for node in tree.iter():
+        if node.tag.endswith("}register"):
+            inside = {child.tag.partition("}")[2]: child.text for child in node}
+            found[inside["name"]] = int(inside["addressOffset"].replace("'h", "0x"), 0)
+    assert found == {register.name: at for at, register in register_map(TINY).items()}

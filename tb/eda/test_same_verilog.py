@@ -13,7 +13,7 @@ module leaf(clk, a, b, y);
   input clk;
   input [3:0] a;
   input [3:0] b;
-  output [3:0] y;
+  output reg [3:0] y;
   reg [3:0] \\y$1 = 4'h3;
   wire more;
   assign more = a > b;

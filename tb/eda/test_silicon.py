@@ -9,21 +9,15 @@ import numpy as np
 import pytest
 
 from splatcore.eda import paper
+from splatcore.eda.cells import ways as module
 from splatcore.eda.cells.cell_netlist import put_together
 from splatcore.eda.cells.delays import fo4
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.cells.mapping import MAP, PASSES, SUMS, mapped, recipe
 from splatcore.eda.cells.opensta import write_opensta
-from splatcore.eda.cells.silicon import (
-    Silicon,
-    area_28nm,
-    long_paths,
-    machine_silicon,
-    silicon,
-)
+from splatcore.eda.cells.silicon import Silicon, area_28nm, long_paths, machine_silicon, silicon
 from splatcore.eda.cells.ways import fastest
 from splatcore.eda.gates import machine_gates
-from splatcore.eda.gates import ways as module
 from splatcore.eda.gates.macros import memory_size
 from splatcore.eda.gates.synth import Netlist
 from splatcore.hdl.arithmetic.add import Add
@@ -31,13 +25,7 @@ from splatcore.hdl.arithmetic.multiply import Multiply
 from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.spec.config import DEFAULT, TINY
 from tb.helpers.command import check_documented, load, run
-from tb.helpers.liberty import (
-    AREA_FF,
-    DATA,
-    GATES,
-    liberty_files,
-    needs_libraries,
-)
+from tb.helpers.liberty import AREA_FF, DATA, GATES, liberty_files, needs_libraries
 
 SMALL_FO4_MAX, WHOLE_FO4_MAX = 70, 45.1
 """Limits in FO4 of the longest path: of `TINY` in the small library (measured: 68.6), and of
@@ -110,7 +98,7 @@ def opensta(folder, name) -> tuple[float, float]:
     """Run OpenSTA; return arrival and slack of the slowest path in ns."""
     done = subprocess.run(
         ["sta", "-no_splash", "-exit", f"{name}.tcl"],
-        cwd=folder, capture_output=True, text=True, check=True,
+        cwd=folder, capture_output=True, text=True, check=True
     )  # fmt: skip
     assert not re.search("error|warning", done.stdout + done.stderr, re.I), done.stdout
     arrival = re.search(r"(-?[\d.]+) +data arrival time", done.stdout)

@@ -8,12 +8,7 @@ from splatcore.eda.cells.cell_netlist import CONSTANTS, put_together
 from splatcore.eda.cells.delays import fo4
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.cells.mapping import Mapped
-from splatcore.eda.cells.silicon import (
-    LONG_FO4,
-    Silicon,
-    long_paths,
-    part_at,
-)
+from splatcore.eda.cells.silicon import LONG_FO4, Silicon, long_paths, part_at
 from splatcore.eda.cells.static_timing import (
     MEMORY_ACCESS_FO4,
     MEMORY_SETUP_FO4,
@@ -40,7 +35,7 @@ def small_netlist(memory: bool = False) -> Mapped:
     """A flip-flop or memory (net 2), a NAND2 with a port, an inverter, two flip-flops."""
     cells = [
         ("NAND2_1", "n", [2, 3, 4]), ("INV_1", "i", [4, 5]),
-        ("DFF_1", "b", [9, 5, 6]), ("DFF_1", "c", [9, 4, 7]),
+        ("DFF_1", "b", [9, 5, 6]), ("DFF_1", "c", [9, 4, 7])
     ]  # fmt: skip
     blocks = []
     if memory:

@@ -4,7 +4,9 @@ import csv
 import re
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from splatcore.eda.deliver.verilog import NAMES, WAIVERS, lint, stage_source, wr
 from splatcore.eda.gates import machine_gates
 from splatcore.eda.gates.machine_gates import PARTS, Size, faults, synthesise_machine
 from splatcore.eda.gates.macros import Macros, module
-from splatcore.eda.gates.synth import DEPTH_MAX, depth, gates, memories
+from splatcore.eda.gates.synth import DEPTH_MAX, SPEED, Netlist, memories
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.stages import CONTROL, LARGE, PRIMITIVES, STAGES, WHOLE
@@ -23,29 +25,17 @@ from splatcore.spec import config
 from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
 from tb.helpers.command import run
 
+HERE = Path(__file__).parent
+
 DEEP = ("sub_sorter", "merge", "prepare", "setup", "mark", "evaluate", "lane")
 """Parts of the stages that take too long to synthesise whole."""
 
-FAULTY = """\
-module faulty(input clk, input [3:0] i, output reg [3:0] o, output p);
-  always @* if (i[0]) o = i;
-endmodule
-"""
 
-UNSOUND = """\
-module inner(input a, output b);
-  assign b = ~a;
-endmodule
-module unsound(input [3:0] i, output reg latch, output loop, output reg twice, output none);
-  wire there, nothing;
-  always @* if (i[0]) latch = i[1];
-  inner one(there, loop);
-  inner two(loop, there);
-  always @* twice = i[2];
-  always @* twice = i[3];
-  assign none = nothing & i[0];
-endmodule
-"""
+@pytest.fixture(scope="module")
+def netlist():
+    """Netlist of a part of `DEFAULT` by name, elaborated once."""
+    return cache(lambda name: Netlist.of((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT)))
+
 
 SIZES = {n: getattr(TINY, n) for n in config.SIZES if n != "sh_degree"}  # of TINY
 
@@ -78,16 +68,14 @@ def test_blocks_are_clean(machine, tmp_path):
         assert lint(path.stem, path) == []
 
 
-def test_lint_finds_faults(tmp_path):
-    (tmp_path / "faulty.v").write_text(FAULTY)
-    found = "\n".join(lint("faulty", tmp_path / "faulty.v"))
+def test_lint_finds_faults():
+    found = "\n".join(lint("faulty", HERE / "faulty.v"))
     assert "LATCH" in found and "UNDRIVEN" in found
 
 
 @pytest.mark.slow
-def test_faults_are_found(tmp_path):
-    (tmp_path / "unsound.v").write_text(UNSOUND)
-    found = "\n".join(faults("unsound", tmp_path / "unsound.v"))
+def test_faults_are_found():
+    found = "\n".join(faults("unsound", HERE / "unsound.v"))
     for fault in ("latch ", "logic loop", "conflicting drivers", "nothing is used but has no"):
         assert fault in found
     assert len(found.splitlines()) == 4
@@ -111,21 +99,18 @@ def test_source_has_a_header():
 
 
 @pytest.mark.slow
-def test_the_machine_is_clean(tmp_path):
+def test_the_machine_is_clean(tiny_rtl):
     """The whole machine: lint, latches, loops, drivers, names, list of memories, constraints."""
-    paths = write_top(TINY, tmp_path)
-    names = {path.name for path in paths}
+    names = {path.name for path in tiny_rtl.iterdir()}
     assert {"splatcore.core", "splatcore.sdc", "memories.csv", WAIVERS.name} < names
-    sources = [tmp_path / name for name in NAMES.sources]
+    sources = [tiny_rtl / name for name in NAMES.sources]
     assert lint(NAMES.top, *sources) == []
     assert faults(NAMES.top, *sources) == []
     text = "".join(path.read_text() for path in sources)
     modules = re.findall(r"^module (\w+)", text, re.M)
     assert len(set(modules)) == len(modules) and all(m.startswith("splatcore_") for m in modules)
-    rows = list(csv.DictReader((tmp_path / "memories.csv").open()))
-    listed = Counter(
-        {(int(row["words"]), int(row["bits"])): len(row["instances"].split()) for row in rows}
-    )
+    rows = list(csv.DictReader((tiny_rtl / "memories.csv").open()))
+    listed = Counter({(int(row["words"]), int(row["bits"])): int(row["count"]) for row in rows})
     assert all(int(row["count"]) == len(row["instances"].split()) for row in rows)
     expected = [size for parts in WHOLE.values() for make in parts for size in memories(make(TINY))]
     assert listed == Counter(expected)
@@ -133,7 +118,7 @@ def test_the_machine_is_clean(tmp_path):
         assert f"module {row['module']} (" in text
         assert len(re.findall(rf"^  {row['module']} ", text, re.M)) == int(row["count"])
     ports = re.findall(r"^  (?:in|out)put (?:\[\S+\] )?(\w+);", text, re.M)
-    constraints = (tmp_path / "splatcore.sdc").read_text()
+    constraints = (tiny_rtl / "splatcore.sdc").read_text()
     assert "period 1.25 " in constraints and set(re.findall(r"\w_axi__\w+", constraints)) < {*ports}
 
 
@@ -164,17 +149,15 @@ def test_parts_add_up_to_the_whole():
     about = machine_gates.examined(machine_gates.whole(hierarchy))
     assert about["faults"] == []
     work = machine_gates.pieces(hierarchy)
-    assert {part for part, _ in work} == set(PARTS)
-    found = {part.name: machine_gates.flip_flops_before(piece) for part, piece in work}
-    times = Counter(part.name for part, _ in work)
+    assert {piece.part for piece in work} == set(PARTS)
+    found = {each.part.name: machine_gates.flip_flops_before(each.netlist) for each in work}
+    times = Counter(piece.part.name for piece in work)
     assert times["blend"] == times["evaluate"] == TINY.rasterizers and times["chunk"] == 1
     counted = sum(count * times[name] for name, count in found.items())
     assert counted == about["flip_flops_before"] > 20_000
-    texts = {part.name: set() for part in PARTS}
-    for part, piece in work:
-        texts[part.name].add(piece.text)
-    assert len(texts["blend"]) == len(texts["sub_sorter"]) == 1
-    held = [memory for _, piece in work for memory in piece.memories]
+    texts = Counter(name for name, _ in {(each.part.name, each.netlist.text) for each in work})
+    assert texts["blend"] == texts["sub_sorter"] == 1
+    held = [memory for piece in work for memory in piece.netlist.memories]
     assert Counter(held) == Counter(machine_gates.whole(hierarchy).memories)
 
 
@@ -217,33 +200,33 @@ def test_memory_modules_act_as_amaranth_s(fault):
         assert np.array_equal(result.outputs["o"], rows)
 
 
-def with_slow_marked(names: tuple[str, ...], *parts: str) -> list:
-    """Parts as parameters; the named ones take minutes and run in `make verify`."""
-    marks = pytest.mark.verify
-    return [pytest.param(name, marks=marks) if name in names else name for name in parts]
-
-
-SLOW = (
-    "points", "project", "setup", "sub_sorter", "merge", "mark", "bin", "prepare", "place"
-)  # fmt: skip
-
 FLAT = [name for name in STAGES if name not in LARGE]  # stages that are synthesised whole
 
+SLOW = ("points", "project"), (
+    "points", "project", "setup", "sub_sorter", "merge", "mark", "bin", "prepare", "place"
+)  # fmt: skip
+"""Parts that take minutes for the depth; for the gates, mapped a second time."""
+
+
+def marked(slow: tuple[str, ...], *parts: str) -> list:
+    """Parts as parameters; the slow ones run in `make verify`."""
+    return [pytest.param(name, marks=[pytest.mark.verify] * (name in slow)) for name in parts]
+
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", with_slow_marked(("points", "project"), *FLAT, *DEEP, *CONTROL))
-def test_no_path_is_too_deep(name):
+@pytest.mark.parametrize("name", marked(SLOW[0], *FLAT, *DEEP, *CONTROL))
+def test_no_path_is_too_deep(name, netlist):
     """No part is deeper than DEPTH_MAX; `points` contains all stages that work on points."""
-    assert depth((STAGES | PRIMITIVES | CONTROL)[name](DEFAULT)) <= DEPTH_MAX
+    assert netlist(name).mapped(SPEED)["depth"] <= DEPTH_MAX
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", with_slow_marked(SLOW, *FLAT, *DEEP))
-def test_speed_costs_few_gates(name):
+@pytest.mark.parametrize("name", marked(SLOW[1], *FLAT, *DEEP))
+def test_speed_costs_few_gates(name, netlist):
     """Synthesis for speed takes at most 10 % more gates, 15 % in the large parts."""
-    found = gates((STAGES | PRIMITIVES)[name](DEFAULT))
+    found = netlist(name).gates()
     least, most = (0.95, 1.15) if name in DEEP else (1, 1.1)
-    assert least * found.nand2 < found.speed_nand2 < most * found.nand2
+    assert least * found["nand2"] < found["speed_nand2"] < most * found["nand2"]
 
 
 @pytest.mark.slow

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from splatcore.eda.cells import ways as module
 from splatcore.eda.cells.static_timing import Path
 from splatcore.eda.cells.ways import ALONE_FO4, LONG_FO4, innermost, parts_of, settled
-from splatcore.eda.gates import ways as module
 
 NETLISTS = {path: SimpleNamespace(text=path) for path in ("", "a", "a.b", "c")}
 
@@ -51,10 +51,7 @@ def test_another_part_on_the_way(monkeypatch):
     first, second = {"small": 49, "mid": 50, "large": 44}, {"small": 46.0, "mid": 46.0, "large": 44}
 
     def longest(pieces):
-        found = [
-            path(first[pieces["c"]], "c.i", "a.b.o"),
-            path(second[pieces["a"]], "c.i", "a.o"),
-        ]
+        found = [path(first[pieces["c"]], "c.i", "a.b.o"), path(second[pieces["a"]], "c.i", "a.o")]
         return max(found, key=lambda each: each.time)
 
     pieces, _ = settle(monkeypatch, longest)

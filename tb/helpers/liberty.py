@@ -1,9 +1,13 @@
 """A small cell library for tests, with delays that are easy to compute; the user's libraries."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
+
+from splatcore.eda.cells.liberty import EDGES
+from splatcore.eda.template import ENVIRONMENT
 
 VARIABLE = "SPLATCORE_LIBERTY"
 """Environment variable that names a folder of liberty files."""
@@ -43,109 +47,6 @@ def inside(slew: float, load: float, effort: float = 1.0) -> float:
     return 0.001 * effort + 0.002 * slew + 0.003 * load
 
 
-class Writer:
-    """Writes the library. scale: time units per ns; swapped: loads are the rows of tables."""
-
-    def __init__(self, scale: float, swapped: bool):
-        self.scale, self.swapped = scale, swapped
-
-    def table(self, kind: str, value) -> str:
-        """A table of value(slew, load)."""
-        values = [[value(slew, load) * self.scale for load in LOADS] for slew in SLEWS]
-        if self.swapped:
-            values = [list(column) for column in zip(*values, strict=True)]
-        text = ", ".join('"' + ", ".join(f"{each:.9g}" for each in row) + '"' for row in values)
-        template = "energies" if kind.endswith("power") else "times"
-        return f"        {kind} ({template}) {{ values ({text}); }}\n"
-
-    def timing(self, begin: str, kind: str, sense: str, value, steep) -> str:
-        """Delays and slews from a pin, equal for both edges."""
-        text = f'      timing () {{\n        related_pin : "{begin}";\n'
-        text += f"        timing_type : {kind};\n        timing_sense : {sense};\n"
-        for edge in ("rise", "fall"):
-            text += self.table(f"cell_{edge}", value) + self.table(f"{edge}_transition", steep)
-        return text + "      }\n"
-
-    def inside(self, begin: str, effort: float = 1.0) -> str:
-        """Energies of an output changed by a pin, equal for both edges."""
-        text = f'      internal_power () {{\n        related_pin : "{begin}";\n'
-        for edge in ("rise", "fall"):  # not scaled by the unit of time
-            text += self.table(f"{edge}_power", lambda *at: inside(*at, effort) / self.scale)
-        return text + "      }\n"
-
-    def clock(self, condition: str, rise: float, fall: float) -> str:
-        """Energies of the clock in a state."""
-        text = "      internal_power () {\n"
-        text += f'        when : "{condition}";\n' * bool(condition)
-        for edge, value in {"rise": rise, "fall": fall}.items():
-            text += f'        {edge}_power (scalar) {{ values ("{value}"); }}\n'
-        return text + "      }\n"
-
-    def head(self, time: str) -> str:
-        """Units, the corner, thresholds, the axes of tables."""
-        text = "library (small) {\n  delay_model : table_lookup;\n"
-        text += f'  capacitive_load_unit (1, pf);\n  time_unit : "{time}";\n'
-        text += f"  nom_process : 1;\n  nom_voltage : {VOLTS};\n  nom_temperature : 125;\n"
-        text += '  leakage_power_unit : "1nW";\n'
-        for edge in ("rise", "fall"):
-            text += "".join(f"  {side}put_threshold_pct_{edge} : 50;\n" for side in ("in", "out"))
-            for end, percent in (("lower", 20), ("upper", 80)):
-                text += f"  slew_{end}_threshold_pct_{edge} : {percent};\n"
-        axes = [
-            ("input_net_transition", [slew * self.scale for slew in SLEWS]),
-            ("total_output_net_capacitance", LOADS),
-        ]
-        for kind, name in {"lu_table": "times", "power_lut": "energies"}.items():
-            text += f"  {kind}_template ({name}) {{\n"
-            for number, (variable, axis) in enumerate(axes[:: -1 if self.swapped else 1], 1):
-                if kind == "power_lut":
-                    variable = variable.replace("input_net_transition", "input_transition_time")
-                index = ", ".join(f"{each:g}" for each in axis)
-                text += f'    variable_{number} : {variable};\n    index_{number} ("{index}");\n'
-            text += "  }\n"
-        return text
-
-    def gate(self, name: str, size: float) -> str:
-        function, effort, area = GATES[name]
-        pins = [pin for pin in "ABC" if pin in function]
-        sense = {"XOR2": "non_unate", "BUF": "positive_unate"}.get(name, "negative_unate")
-        text = f"  cell ({name}_{size:g}) {{\n    area : {area * size};\n"
-        text += f"    cell_leakage_power : {LEAKAGE * area * size};\n"
-        for pin in pins:
-            capacitance = f"{INPUT * effort * size:g}"
-            text += f"    pin ({pin}) {{ direction : input; capacitance : {capacitance}; }}\n"
-        text += f'    pin (Y) {{\n      direction : output;\n      function : "{function}";\n'
-        for pin in pins:
-            text += self.timing(
-                pin, "combinational", sense, lambda slew, load: delay(slew, load, effort, size),
-                lambda _, load: transition(load, size),
-            )  # fmt: skip
-            text += self.inside(pin, effort)
-        return text + "    }\n  }\n"
-
-    def flip_flop(self) -> str:
-        text = f"  cell (DFF_1) {{\n    area : {AREA_FF};\n"
-        text += f"    cell_leakage_power : {LEAKAGE * AREA_FF};\n"
-        text += '    ff (IQ, IQN) { clocked_on : "CK"; next_state : "D"; }\n'
-        text += "    pin (CK) {\n      direction : input;\n      clock : true;\n"
-        text += f"      capacitance : {CLOCK};\n" + self.clock("", 8.0, 8.0)
-        for condition in ("D*Q", "!D !Q"):
-            text += self.clock(condition, RISE, FALL)
-        text += self.clock("D*!Q", 9.0, 9.0) + "    }\n"
-        text += f"    pin (D) {{\n      direction : input;\n      capacitance : {DATA};\n"
-        text += '      timing () {\n        related_pin : "CK";\n'
-        text += "        timing_type : setup_rising;\n"
-        for edge in ("rise", "fall"):
-            text += f'        {edge}_constraint (scalar) {{ values ("{SETUP * self.scale:g}"); }}\n'
-        text += "      }\n    }\n"
-        text += '    pin (Q) {\n      direction : output;\n      function : "IQ";\n'
-        text += self.timing(
-            "CK", "rising_edge", "non_unate", lambda slew, load: delay(slew, load, first=LAUNCH),
-            lambda _, load: transition(load),
-        )  # fmt: skip
-        return text + self.inside("CK") + "    }\n  }\n"
-
-
 def small_library(time: str = "1ns", swapped: bool = False, leave_out: tuple[str, ...] = ()) -> str:
     """Text of the library.
 
@@ -153,9 +54,26 @@ def small_library(time: str = "1ns", swapped: bool = False, leave_out: tuple[str
     swapped: whether its tables are by load and slew
     leave_out: prefixes of the names of cells to leave out
     """
-    writer = Writer({"1ns": 1.0, "1ps": 1000.0}[time], swapped)
-    cells = [writer.gate(name, size) for name in GATES for size in SIZES]
-    text = "".join([writer.head(time), *cells, writer.flip_flop(), "}\n"])
+    scale = {"1ns": 1.0, "1ps": 1000.0}[time]
+
+    def values(template: str, function, *rest) -> str:
+        """A table of function(slew, load, ...); energies do not depend on the unit of time."""
+        unit = scale if template == "times" else 1.0
+        rows = [[function(slew, load, *rest) * unit for load in LOADS] for slew in SLEWS]
+        rows = zip(*rows, strict=True) if swapped else rows
+        return ", ".join('"' + ", ".join(f"{each:.9g}" for each in row) + '"' for row in rows)
+
+    def axes(slew: str) -> list[tuple[str, str]]:
+        """Variable and index of both axes. slew: name of that variable."""
+        found = {slew: [slew * scale for slew in SLEWS], "total_output_net_capacitance": LOADS}
+        texts = [(name, ", ".join(f"{v:g}" for v in axis)) for name, axis in found.items()]
+        return texts[::-1] if swapped else texts
+
+    template = Path(__file__).with_name("small.lib.jinja").read_text()
+    text = ENVIRONMENT.from_string(template).render(
+        at=sys.modules[__name__], edges=EDGES, time=time, scale=scale, values=values, axes=axes,
+        delay=delay, inside=inside, steep=lambda _, load, size: transition(load, size),
+    )  # fmt: skip
     return without_cells(text, leave_out)
 
 

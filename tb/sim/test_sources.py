@@ -40,7 +40,6 @@ def copy(tmp_path_factory):
     root = tmp_path_factory.mktemp("splatcore")
     for room in ("spec", "model", "golden", "hdl", "sim", "eda", "study", "app"):
         shutil.copytree(ROOT / room, root / room, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "__init__.py", root)
     return root
 
 

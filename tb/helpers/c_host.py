@@ -1,0 +1,54 @@
+"""Hosts in C and C++ that are compiled with the machine's headers and driver, and run."""
+
+import subprocess
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from splatcore.spec.camera import Camera
+
+STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic"]
+LANGUAGES = {".c": ["gcc", "-std=c99"], ".cc": ["g++", "-std=c++11"]}
+
+
+def compile_c(headers: Path, source: Path, *options: object):
+    """Compile a source by its suffix, without any warning. headers: folder of register files."""
+    command = [*LANGUAGES[source.suffix], *STRICT, f"-I{headers}", *options, source]
+    subprocess.run(command, check=True)
+
+
+@cache
+def driver(headers: Path) -> list[Path]:
+    """Compile the drivers in a folder; their objects."""
+    sources = sorted(headers.glob("*.c"))
+    objects = [source.with_suffix(".o") for source in sources]
+    for source, made in zip(sources, objects, strict=True):
+        compile_c(headers, source, "-c", "-o", made)
+    return objects
+
+
+def host_lines(headers: Path, main: str, suffix: str = ".c", with_driver: bool = True) -> list[str]:
+    """Compile a host, link it with the driver and run it; the lines that it prints."""
+    with TemporaryDirectory(prefix="splatcore") as name:
+        host = Path(name) / f"host{suffix}"
+        host.write_text(main)
+        compile_c(headers, host, "-c", "-o", host.with_suffix(".o"))
+        objects = [host.with_suffix(".o"), *(driver(headers) if with_driver else ())]
+        program = host.with_suffix("")
+        subprocess.run([LANGUAGES[suffix][0], *objects, "-lm", "-o", program], check=True)
+        done = subprocess.run([program], capture_output=True, text=True, check=True)
+        return done.stdout.splitlines()
+
+
+def constants(numbers: Iterable[float]) -> str:
+    """Numbers as exact constants of C."""
+    return ", ".join(float(number).hex() for number in numbers)
+
+
+def camera_fields(view: Camera) -> str:
+    """Initial values of a `splatcore_camera`."""
+    rows = [f"{{{constants(row)}}}" for row in view.rotation]
+    focal = constants([view.fx, view.fy, view.cx, view.cy])
+    place = f"{{{', '.join(rows)}}}, {{{constants(view.translation)}}}, {constants([view.near])}"
+    return f"{view.width}, {view.height}, {focal}, {place}"
