@@ -122,8 +122,8 @@ preset = $(addprefix --preset ,$(PRESET))
 few := --part steps,curve,power --ratios 15,20,30,40,60,80 --view-size 960x540 --steps 40
 measure = mkdir -p $(@D) && $(SPLATCORE)
 
-campaigns := scenes/scenes.csv quality/quality.json budget.json sweep/sweep.json ablation/ablation.json work/work.json power.json
-others := $(addsuffix .json,hard/hard hard-rtl/hard hard-paper/hard programs programs-paper synth \
+campaigns := scenes/scenes.csv quality/quality.json budget.json sweep/sweep.json ablation/ablation.json power.json
+others := $(addsuffix .json,hard/hard hard-rtl/hard hard-paper/hard synth \
 	memories fpga-tiny fpga)
 
 report: install
@@ -142,13 +142,10 @@ $(RESULTS)/quality/quality.json: ; $(measure) bench quality --psnr , --out $(@D)
 $(RESULTS)/budget.json: ; $(measure) error --stage all --json $@ $(SCENES) $(size) $(preset)
 $(RESULTS)/sweep/sweep.json: ; $(measure) bench sweep --out $(@D) $(SCENES) $(size) $(addprefix --point ,$(POINTS))
 $(RESULTS)/ablation/ablation.json: ; $(measure) bench ablation --out $(@D) $(SCENES) $(size) $(preset)
-$(RESULTS)/work/work.json: ; $(measure) bench work --out $(@D) $(SCENES) $(size) $(preset)
 $(RESULTS)/power.json: ; $(measure) power --json $@ $(SCENE) $(addprefix --camera ,$(CAMERA)) $(size) $(preset)
 $(RESULTS)/hard/hard.json: ; $(measure) hard --engine golden -o $(@D) --json $@ $(preset)
 $(RESULTS)/hard-rtl/hard.json: ; $(measure) hard --engine rtl --preset TINY -o $(@D) --json $@
 $(RESULTS)/hard-paper/hard.json: ; $(measure) hard --engine golden --preset PAPER -o $(@D) --json $@
-$(RESULTS)/programs.json: ; $(measure) programs --json $@ $(preset)
-$(RESULTS)/programs-paper.json: ; $(measure) programs --preset PAPER --json $@
 $(RESULTS)/synth.json: ; $(measure) synth --stage top --json $@ $(preset)
 $(RESULTS)/memories.json: ; $(measure) memories --json $@ $(preset)
 $(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@

@@ -53,9 +53,6 @@ memories to a stage."""
 
 POWER = 219.41e-3  # W in all, as in its text; the lines of its table add up to 0.01 mW more
 
-LIST, LIST_MAX = 1000, 5000
-"""Gaussians per tile: of most tiles, and the maximum (its figure of tile density, bicycle)."""
-
 PES, PES_DENSE, PES_BUSY = 6, 16, 0.516
 
 OPERATIONS = {
@@ -63,11 +60,6 @@ OPERATIONS = {
     "without zeros": {"operations": 94, "multiply": 42, "add": 46, "divide": 5, "subtract": 1},
 }
 """Operations of stage 1 per Gaussian."""
-
-CULLED, CULLED_UNCOMPRESSED = 0.56, 0.60
-"""Share of Gaussians behind the near plane, of compressed and uncompressed models."""
-
-TERMINATED, TERMINATED_UNCOMPRESSED = 0.243, 0.50  # share of Gaussians skipped by termination
 
 ABLATION = {
     "none": 20.4,

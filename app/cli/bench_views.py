@@ -1,4 +1,4 @@
-"""The commands `bench scenes`, `bench sweep`, `bench ablation` and `bench work`."""
+"""The commands `bench scenes`, `bench sweep` and `bench ablation`."""
 
 import typer
 from rich.table import Table
@@ -6,7 +6,6 @@ from rich.table import Table
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
     MACHINE,
-    SCENE,
     AntialiasedOption,
     AxesOption,
     NearOption,
@@ -32,13 +31,6 @@ PointOption = option(
 ListOption = option(bool, None, "List the machines and exit.", "--list", panel=MACHINE)
 ConfirmOption = option(
     str | None, "SCENE[:ID]", "Also simulate the machines of the Pareto front on this view in RTL."
-)
-EveryCameraOption = option(
-    str | None,
-    "ID,ID,…",
-    "Cameras in the file next to each scene. Default: all.",
-    "--cameras",
-    panel=SCENE,
 )
 RtlOption = option(
     list[str] | None, "SCENE[:ID]", "Also simulate all steps on this view in RTL.", "--rtl"
@@ -179,39 +171,3 @@ def ablation_command(
     table.add_row("the paper", *(str(step["paper_fps"] or "–") for step in facts["steps"]))
     print_whole(table)
     bench.finish(output / "ablation.json", facts)
-
-
-@bench.bench.command("work")
-def work_command(
-    output: bench.FolderOption,
-    scene: bench.ScenesArgument = None,
-    cameras: EveryCameraOption = None,
-    size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
-    preset: PresetOption = "DEFAULT",
-    scheduler: bench.SchedulerOption = None,
-):
-    """Measure the machine's work for every camera of a scene.
-
-    Counts culling, early termination, busy PEs and pairs of splat and tile. Writes DIR/work.json,
-    with the number of splats in each tile.
-    """
-    config = find_preset(preset)
-    found = bench.look(
-        output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
-    )
-    from splatcore.study.bench import workload
-
-    if cameras is None:
-        found = workload.every_camera(found)
-    facts = workload.work(config, found, output, scheduler)
-    headings = ("behind", "culled", "pairs ended early", "PEs busy", "pairs")
-    table = new_table("view", headings, "percent")
-    for row in facts["rows"]:
-        names = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
-        rates = [f"{100 * row[name]:.1f}" for name in names]
-        table.add_row(f"{row['scene']} {row['camera']}", *rates, f"{row['tile_pairs']:,}")
-    print_whole(table)
-    bench.finish(output / "work.json", facts)

@@ -76,10 +76,6 @@ COMMANDS = {
         "fit", MEASURE, "Find the smallest machine that renders a scene fast and well enough.",
         "garden --fps 200 --size 640x360 -o fitted.toml",
     ),
-    "programs": Entry(
-        "programs", HARDWARE, "List the microprograms of stage 0 (cull) and stage 1 (project).",
-        "--show cull",
-    ),
     "verilog": Entry(
         "verilog", HARDWARE, "Write the machine as Verilog, with the files that a flow needs.",
         "-o verilog",
@@ -144,10 +140,6 @@ COMMANDS = {
         "bench_views", MEASURE, "Measure the gain of culling, zero skipping and early termination.",
         "garden -o ablation --size 640x360",
     ),
-    "bench work": Entry(
-        "bench_views", MEASURE, "Measure the machine's work for every camera of a scene.",
-        "garden -o work --size 640x360",
-    ),
     "bench rule": Entry(
         "bench_rule", MEASURE, "Compare faintness rules: cycles of stage 3 against error.",
         "garden -o rule --size 640x360",
@@ -156,21 +148,9 @@ COMMANDS = {
         "bench_quality", MEASURE, "Measure bytes per Gaussian against dB for each way to pack.",
         "garden -o quality --size 640x360",
     ),
-    "bench formats": Entry(
-        "bench_formats", COMPRESS, "Compare other file formats with packed models: bytes and dB.",
-        "garden -o formats --size 640x360",
-    ),
-    "bench coding": Entry(
-        "bench_coding", COMPRESS, "Compare ways to code a packed model: bytes and time.",
-        "garden -o coding",
-    ),
     "bench compression": Entry(
         "bench_compression", COMPRESS, "Compress scenes; measure size, loss and machine work.",
         "garden -o out --part steps --steps 40",
-    ),
-    "bench differentiable": Entry(
-        "bench_differentiable", COMPRESS, "Time the differentiable renderer on the CPU.",
-        "--gaussians 10000 --size 320x180",
     ),
     "board write": Entry(
         "board_runs", FPGA, "Write the files for a ULX3S board: Verilog, pins and a Makefile.",
@@ -190,6 +170,15 @@ COMMANDS = {
     ),
 }  # fmt: skip
 """Commands by name, in the order of the help."""
+
+GONE = {
+    "bench work": "its results are in docs/notes/2026-11-paper.md",
+    "bench formats": "its results are in docs/notes/2026-11-compression.md",
+    "bench coding": "its results are in docs/notes/2026-11-compression.md",
+    "bench differentiable": "its result is in docs/notes/2026-11-compression.md",
+    "programs": "spec/programs.py has the microprograms, `splatcore report` their operations",
+}
+"""Commands of earlier versions, and what to use instead."""
 
 GROUPS = {"bench": (MEASURE, "bench scenes"), "board": (FPGA, "board write"),
           "soak": (HARDWARE, "soak frames")}  # fmt: skip

@@ -7,7 +7,7 @@ import typer
 
 from splatcore.app.cli.bench import bench
 from splatcore.app.cli.board import board
-from splatcore.app.cli.commands import COMMANDS
+from splatcore.app.cli.commands import COMMANDS, GONE
 from splatcore.app.cli.options import app
 from splatcore.app.cli.soak import soak
 from splatcore.sim.common import notes
@@ -40,7 +40,11 @@ def register(words: list[str] | None = None):
 
 def main(arguments: list[str] | None = None):
     """Run the command line; bad input prints one line on standard error and exits with status 2."""
-    register(sys.argv[1:] if arguments is None else None)
+    words = sys.argv[1:] if arguments is None else arguments
+    for name in (" ".join(words[:count]) for count in (1, 2)):
+        if name in GONE:
+            refuse(f"{name}: this command was removed; {GONE[name]}")
+    register(words if arguments is None else None)
     try:
         with notes.printing():
             status = app(arguments, standalone_mode=False)

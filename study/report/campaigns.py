@@ -4,15 +4,10 @@ per frame: culling, early termination, density of tiles."""
 import math
 from collections.abc import Iterator
 
-import numpy as np
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure as Canvas
 
-from splatcore.eda import paper
 from splatcore.sim.common.plot import legend_below, plain_ticks, side_by_side
-from splatcore.spec.convention import TILE
-from splatcore.spec.error import InputError
-from splatcore.study.report.page import MILLION, THOUSAND, Card, Column, Item, Table, plotted
+from splatcore.study.report.page import Card, Column, Item, Table, plotted
 from splatcore.study.report.results import Facts, Results
 from splatcore.study.report.scenes import AGAINST_RTL, VIEW, against_rtl, count_of, names
 
@@ -127,104 +122,3 @@ def simulated(results: Results) -> Iterator[Item]:
 
 
 ABLATION = (bars, speeds, simulated)
-
-
-MAPS_IN_A_ROW = 3
-
-MAP_HEIGHT = 1.62  # inches per row of maps, with titles
-
-
-COUNTS = {"gaussians": THOUSAND, "projected": THOUSAND, "splats": THOUSAND, "tile_pairs": MILLION}
-"""Counts of a view and their units."""
-
-RATES = ("near_rate", "culling_rate", "early_termination_rate", "pe_utilisation")
-
-RATES_PAPER = (paper.CULLED, None, paper.TERMINATED, paper.PES_BUSY)
-"""The paper's rates for compressed models, in the order of `RATES`."""
-
-RATES_UNCOMPRESSED = (paper.CULLED_UNCOMPRESSED, None, paper.TERMINATED_UNCOMPRESSED, None)
-
-
-def rates(results: Results) -> Iterator[Item]:
-    """Counts and rates of each view, the paper's rates first."""
-    facts, found = results.rows("work")
-    nothing = [None] * len(COUNTS)
-    rows = [
-        [f"the paper, {kind}", "", *nothing, *(rate and 100 * rate for rate in rates)]
-        for kind, rates in (("compressed", RATES_PAPER), ("uncompressed", RATES_UNCOMPRESSED))
-    ]
-    for row in found:
-        counts = [row[key] / unit for key, unit in COUNTS.items()]
-        rows.append([row["scene"], row["camera"], *counts, *(100 * row[key] for key in RATES)])
-    means = [100 * sum(row[key] for row in found) / len(found) for key in RATES]
-    rows.append(["mean of ours", count_of(found), *nothing, *means])
-    yield Table(
-        "work",
-        f"Work per frame, {facts['size']}. Behind: Gaussians with their centre not in front of the "
-        "near plane (the paper's culling). Not projected: also Gaussians outside the image (guard "
-        "band). Pairs: of a splat and a tile. Ended early: pairs that are not blended because all "
-        "pixels of the tile have terminated. PEs busy: share of all cycles of the frame in which a "
-        "PE of stage 1 works. The paper's rates are averages over its own scenes and views.",
-        [
-            *VIEW, Column("Gaussians", "k", 0, none=""),
-            Column("projected", "k", 0, none=""), Column("splats", "k", 0, none=""),
-            Column("pairs", "M", 2, none=""), Column("behind", "%", 1),
-            Column("not projected", "%", 1), Column("ended early", "%", 1),
-            Column("PEs busy", "%", 1),
-        ],
-        rows, ("work",), frozenset({0, 1, len(rows) - 1}),
-    )  # fmt: skip
-
-
-def densest(facts: Facts, rows: list[Facts]) -> dict[str, np.ndarray]:
-    """Splats per tile of each scene's densest view, by view; kept results have only these."""
-    found: dict[str, tuple[str, np.ndarray]] = {}
-    for row in rows:
-        name = f"{row['scene']} {row['camera']}"
-        if name not in facts["density"]:
-            continue
-        tiles = np.array(facts["density"][name])
-        if tiles.ndim != 2 or not tiles.size:
-            raise InputError(f"{facts.file}: density.{name}: not a table of tiles")
-        if row["scene"] not in found or tiles.mean() > found[row["scene"]][1].mean():
-            found[row["scene"]] = name, tiles
-    if not found:
-        raise InputError(f"{facts.file}: density: has no data for these scenes")
-    return dict(found.values())
-
-
-def density(results: Results) -> Iterator[Item]:
-    """Maps of splats per tile, for each scene's densest view, on one common scale."""
-    facts, found = results.rows("work")
-    maps = densest(facts, found)
-    rows = math.ceil(len(maps) / MAPS_IN_A_ROW)
-    most = max(int(tiles.max()) for tiles in maps.values())
-    norm = LogNorm(1, max(2, most))
-
-    def draw(figure: Canvas):
-        grid = figure.subplots(rows, MAPS_IN_A_ROW, squeeze=False).ravel()
-        for axes in grid:
-            axes.set_axis_off()
-        for axes, (name, tiles) in zip(grid, maps.items(), strict=False):
-            shown = axes.imshow(
-                np.ma.masked_equal(tiles, 0), cmap="viridis", norm=norm, interpolation="nearest"
-            )
-            axes.set_title(name, fontsize=8, loc="left")
-        bar = figure.colorbar(
-            shown, ax=list(grid), orientation="horizontal", shrink=0.6, aspect=45, pad=0.02
-        )
-        bar.set_label(f"splats per tile of {TILE}×{TILE} pixels, logarithmic")
-        bar.ax.xaxis.set_major_formatter("{x:,g}")
-
-    yield plotted(
-        "density",
-        f"Splats per tile (the length of the tile's list), {facts['size']}, in the densest view of "
-        f"each scene. Colours: one logarithmic scale up to {most:,}; tiles without splats are "
-        f"white. The paper's map of bicycle has about {paper.LIST:,} in most tiles and up to "
-        f"{paper.LIST_MAX:,}.",
-        f"Heat maps of {len(maps)} views.",
-        0.9 + MAP_HEIGHT * rows, draw, "work",
-    )  # fmt: skip
-
-
-WORK = (rates, density)

@@ -11,7 +11,6 @@ from PIL import Image
 from splatcore.sim.common import plot
 from splatcore.sim.common.output import write
 from splatcore.spec.config import DEFAULT
-from splatcore.study.report.campaigns import densest
 from splatcore.study.report.kept import tables
 from splatcore.study.report.kept_columns import TABLES
 from splatcore.study.report.other import shrunk
@@ -53,9 +52,6 @@ def _facts(results: Results, name: str) -> dict:
     facts = results.facts(name)
     if name == "power":  # file names without folders, like the others
         facts |= {key: Path(facts[key]).name for key in ("scene", "camera")}
-    if name == "work":
-        dense = densest(facts, facts["rows"])
-        facts["density"] = {view: tiles.tolist() for view, tiles in dense.items()}
     return facts
 
 

@@ -23,8 +23,6 @@ FOLDER = Path(splatcore.__file__).parent / "results"
 ORIGIN = ("command", "version")
 """Keys of the first lines of every table."""
 
-SELF = "."  # key of a column that holds the item itself, a list of numbers
-
 
 @dataclass(frozen=True)
 class Step:
@@ -49,7 +47,7 @@ def steps(place: str) -> list[Step]:
 def columns(sheet: Sheet) -> list[str]:
     """Headings of a sheet's columns."""
     own = [step.column for step in steps(sheet.place) if step.column]
-    return own + ["splats" if key == SELF else key for key in sheet.columns.split()]
+    return own + sheet.columns.split()
 
 
 def look(value: object, path: str) -> tuple[bool, object]:
@@ -93,8 +91,6 @@ def encoded(key: str, there: bool, value: object) -> str:
     """Encode a value as a cell; empty if it does not exist."""
     if not there:
         return ""
-    if key == SELF:
-        return " ".join(map(str, value))
     if isinstance(value, str) and key.split(".")[-1] in TEXTS:
         return value
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
@@ -102,8 +98,6 @@ def encoded(key: str, there: bool, value: object) -> str:
 
 def decoded(key: str, cell: str) -> object:
     """Decode a cell; ValueError if it is invalid. Text in brackets is JSON (for a size)."""
-    if key == SELF:
-        return [int(word) for word in cell.split()]
     if key.split(".")[-1] in TEXTS and cell != "null" and not cell.startswith("["):
         return cell
     return json.loads(cell, parse_constant=float)  # the report rejects NaN in JSON files only
@@ -128,8 +122,7 @@ def tables(name: str, facts: dict, command: str, folder: Path) -> dict[Path, str
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(columns(sheet))
         for own, item in items(facts, steps(sheet.place)):
-            cells = [(key, *((True, item) if key == SELF else look(item, key)))
-                     for key in sheet.columns.split()]  # fmt: skip
+            cells = ((key, *look(item, key)) for key in sheet.columns.split())
             writer.writerow([*own, *(encoded(*cell) for cell in cells)])
         texts[path] = out.getvalue()
     return texts
@@ -176,12 +169,9 @@ def _rows(path: Path, sheet: Sheet, lines: list[str], above: int, value: dict):
         for step in place:
             at = cells[step.column] if step.column else number
             keys += filter(None, step.key.split("."))
-            keys.append(_value(path, where, SELF, str(at))[0] if step.bracket == "[" else at)
+            keys.append(_value(path, where, "", str(at)) if step.bracket == "[" else at)
         for key in sheet.columns.split():
-            cell = cells["splats" if key == SELF else key]
-            if key == SELF:
-                item = _value(path, where, key, cell)
-            elif cell != "":
+            if (cell := cells[key]) != "":
                 put(item, key.split("."), _value(path, f"{where}: {key}", key, cell))
         put(value, keys, item)
 

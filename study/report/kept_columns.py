@@ -60,14 +60,6 @@ PLACED = "luts flip_flops multipliers block_rams fmax_mhz begin end"
 
 DEVICE = Kept("preset device speed failed", {"": Sheet("parts{part}", PLACED)})
 
-PROGRAMS = Kept(
-    "preset",
-    {"": Sheet(
-        "programs{program}",
-        "operations multiply add divide_or_root choose pes cycles_an_item latency pes_busy",
-    )},
-)  # fmt: skip
-
 TABLES = {
     "scenes": Kept("", {"": Sheet(
         "rows[]",
@@ -99,8 +91,6 @@ TABLES = {
             "rows[]", f"point {VIEW} cycles.frame fps_at_800mhz {errors('machine', 'scene')}",
         ),
     }),
-    "programs": PROGRAMS,
-    "programs-paper": PROGRAMS,
     "synth": Kept("preset top.nand2 top.speed_nand2", {"": Sheet(
         "top.parts{part}", "stage count nand2 depth speed_nand2 speed_depth flip_flops",
     )}),
@@ -110,14 +100,6 @@ TABLES = {
         "rows": Sheet(
             "rows[]", f"{VIEW} step cycles.frame fps_at_800mhz rtl_cycles rtl_identical"
         ),
-    }),
-    "work": Kept("preset size failed", {
-        "": Sheet(
-            "rows[]",
-            f"{VIEW} gaussians projected splats tile_pairs near_rate culling_rate "
-            "early_termination_rate pe_utilisation",
-        ),
-        "density": Sheet("density{view}[]", "."),
     }),
     "power": Kept(
         "preset scene camera size fps power_w dram_w pixels_per_j paper",

@@ -9,21 +9,22 @@ from matplotlib.figure import Figure as Canvas
 from splatcore.eda import paper
 from splatcore.eda.gates.synth import DEPTH_MAX
 from splatcore.sim.common.plot import legend_below, side_by_side
-from splatcore.spec.config import KB
-from splatcore.spec.microprogram import projection
-from splatcore.spec.preset import find_preset
+from splatcore.spec.config import DEFAULT, KB, PAPER, Config
+from splatcore.spec.microprogram import operation_counts, projection
+from splatcore.spec.schedule import pes, schedule
 from splatcore.study.report.page import THOUSAND, Card, Column, Item, Table, plotted
-from splatcore.study.report.results import Facts, Results
+from splatcore.study.report.results import Results
 
 BITS = 8  # of a byte
 
 
-def operations(results: Results) -> Iterator[Item]:
+def operations(_: Results) -> Iterator[Item]:
     """Operation counts of stage 1 with and without products with zeros."""
     rows = [paper_row("with zeros", paper.PES_DENSE, None)]
     rows.append(paper_row("without zeros", paper.PES, paper.PES_BUSY))
-    for facts in results.each(("programs", "programs-paper")):
-        rows += [own_row(facts, "with zeros", False), own_row(facts, "without zeros", True)]
+    for config in (DEFAULT, PAPER):
+        for products, skips in (("with zeros", False), ("without zeros", True)):
+            rows.append(own_row(replace(config, skip_zeros=skips), products))
     yield Table(
         "operations",
         "Operations of stage 1 per Gaussian with harmonics of degree 1, with and without products "
@@ -41,14 +42,12 @@ def operations(results: Results) -> Iterator[Item]:
             [*row, None if n % 2 == 0 else 100 * (1 - row[2] / rows[n - 1][2])]
             for n, row in enumerate(rows)
         ],
-        ("programs", "programs-paper"),
     )  # fmt: skip
-    if len(rows) > 2:
-        yield Card(
-            "Gain of each idea", f"{rows[2][2]} → {rows[3][2]}",
-            "operations of stage 1 per Gaussian without products with zeros; the paper: "
-            f"{rows[0][2]} → {rows[1][2]}",
-        )  # fmt: skip
+    yield Card(
+        "Gain of each idea", f"{rows[2][2]} → {rows[3][2]}",
+        "operations of stage 1 per Gaussian without products with zeros; the paper: "
+        f"{rows[0][2]} → {rows[1][2]}",
+    )  # fmt: skip
 
 
 def paper_row(products: str, pes: int, busy: float | None) -> list:
@@ -61,14 +60,15 @@ def paper_row(products: str, pes: int, busy: float | None) -> list:
     ]  # fmt: skip
 
 
-def own_row(facts: Facts, products: str, skip_zeros: bool) -> list:
+def own_row(config: Config, products: str) -> list:
     """Counts of a machine's program for its degree of harmonics."""
-    config = replace(find_preset(facts["preset"]), skip_zeros=skip_zeros)
-    row = facts["programs"][projection(config).name]
+    steps = projection(config)
+    counts, plan = Counter(operation_counts(steps.steps)), schedule(config, steps)
+    units = pes(config, steps)
     return [
-        facts["preset"], products, row["operations"], row["multiply"], row["add"],
-        row["divide_or_root"], row["choose"], row["pes"], row["cycles_an_item"],
-        100 * row["pes_busy"],
+        config.name, products, counts.total(), counts["multiply"], counts["add"],
+        counts["reciprocal"] + counts["rsqrt"], counts["clamp"] + counts["maximum"], units,
+        plan.interval, 100 * plan.utilisation(units),
     ]  # fmt: skip
 
 

@@ -31,7 +31,6 @@ BLOCKS: dict[str, tuple[Block, ...]] = {
     "paper": paper_tables.BLOCKS,
     "published": published.PUBLISHED_SECTION,
     "ablation": campaigns.ABLATION,
-    "work": campaigns.WORK,
     "compression": compression.COMPRESSION,
     "power": other.POWER,
     "hard": other.HARD,

@@ -40,11 +40,6 @@ SECTIONS = {
         "Gain of each idea",
         "The same scenes with the machine's savings switched on one after the other.",
     ),
-    "work": (
-        "Work per frame",
-        "Rates of culling and early termination, utilisation of the processing elements, and "
-        "splats per tile.",
-    ),
     "compression": (
         "Compression",
         "Pruning, distillation and quantisation with fine-tuning in between, to packed models that "

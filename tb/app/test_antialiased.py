@@ -22,7 +22,7 @@ from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.source import View, open_source
 from splatcore.spec.config import PAPER, TINY
 from splatcore.spec.error import InputError
-from splatcore.study.bench import scenes, sweep, workload
+from splatcore.study.bench import scenes, sweep
 from tb.helpers.command import check_documented, check_refused, load, run, write_scene
 
 COMMENT = "PLY comment 'SplatRenderMode: mip'"
@@ -166,10 +166,8 @@ join mip.splatcore scene.ply -o a.ply
 bench scenes mip.splatcore -o new
 bench sweep mip.splatcore -o new
 bench ablation mip.splatcore -o new
-bench work mip.splatcore -o new
 bench rule mip.splatcore -o new
 bench quality mip.splatcore -o new
-bench coding mip.splatcore -o new
 """
 
 
@@ -206,10 +204,9 @@ def test_views_of_benchmarks(place, monkeypatch, antialiased):
     results measured with the file's own mark are not reused for it."""
     reading = Reading(antialiased)
     views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], reading=reading)
-    views += workload.every_camera(views)
     views += [bench.view_of("mip.ply:4", "64x48", None, reading)]
     own = scenes.views(["mip.ply"], "4", "64x48")[0]
-    assert len(views) == 4 and own.open()[0].stated["antialiased_by"] == COMMENT
+    assert len(views) == 2 and own.open()[0].stated["antialiased_by"] == COMMENT
     option = "--antialiased" if antialiased else "--no-antialiased"
     stated = {"antialiased": antialiased, "antialiased_by": option, "notes": [], "near": 0.2}
     for view in views:
@@ -222,11 +219,9 @@ def test_views_of_benchmarks(place, monkeypatch, antialiased):
 def test_measured_tasks_have_the_override(place):
     """PAPER does not compensate: it refuses the marked scene unless the view overrides the mark."""
     paper = {"a": PAPER}
-    tasks = (lambda view: sweep.measure(view, paper), lambda view: workload.view_work(PAPER, view))
-    for measure in tasks:
-        with pytest.raises(InputError, match="PAPER does not compensate"):
-            measure(View("mip.ply", "4", "64x48"))
-        assert measure(View("mip.ply", "4", "64x48", reading=Reading(False)))
+    with pytest.raises(InputError, match="PAPER does not compensate"):
+        sweep.measure(View("mip.ply", "4", "64x48"), paper)
+    assert sweep.measure(View("mip.ply", "4", "64x48", reading=Reading(False)), paper)
 
 
 def test_generated_and_joined_scenes(place, capsys):

@@ -165,16 +165,6 @@ def test_scene_and_info(folder, capsys):
     assert "SH degree 1" in capsys.readouterr().out
 
 
-def test_programs(folder, capsys):
-    assert run("programs", "--json", "p.json") == 0
-    facts = load(folder / "p.json")["programs"]
-    assert facts["project_sh"]["cycles_an_item"] == 8 and facts["project_sh"]["pes_busy"] > 0.9
-    assert facts["project_sh_dense"]["operations"] > facts["project_sh"]["operations"]
-    capsys.readouterr()
-    assert run("programs", "--show", "cull") == 0
-    assert "z1 = vz1 * ray_y + z0" in capsys.readouterr().out
-
-
 @pytest.mark.slow
 def test_synth(folder):
     stages = "--stage", "add", "--stage", "cull"
@@ -274,7 +264,7 @@ finally:
      "compare reference golden --scene none.ply --cameras 1", "render garden --cameras 1 -o a",
      "render garden --cameras none.json --video v.mp4", "scene jungle -o a.ply", "error none.ply",
      "fit none.ply --fps 9 -o a.toml", "programs --show none", "verilog --part none -o a",
-     "registers -o none/a", "example -o none/a", "train none -o none/a", "bench work none.ply -o a",
+     "registers -o none/a", "example -o none/a", "train none -o none/a", "bench rule none.ply -o a",
      "photographs none.ply -o a", "photographs garden -o a --cameras none.json",
      "bench scenes none.ply -o a", "bench sort -o none/a", "soak", "soak frames --help",
      "soak faults -o a --count 0", "hard --help", "hard none", "report --help",

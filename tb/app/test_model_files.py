@@ -42,20 +42,3 @@ def test_a_broken_coded_file(folder, capsys):
         assert re.fullmatch(
             r"error: cut\.splatcore: .* only \d+ are left\n", capsys.readouterr().err
         )
-
-
-def test_bench_coding(folder, capsys):
-    """One row per scene and quality, whose sizes equal the packed file's."""
-    assert run("bench coding scene.ply -o out") == 0
-    rows = load(folder / "out/coding.json")["rows"]
-    assert [row["quality"] for row in rows] == ["compact", "faithful"]
-    for row in rows:
-        run(f"pack scene.ply -o m.splatcore --quality {row['quality']} --camera cameras.json")
-        ways = row["bytes_by_way"]
-        assert row["same"] and row["file_bytes"] == Path("m.splatcore").stat().st_size
-        assert (
-            row["file_bytes"] == ways["both"] < row["bytes"] == len(read_model("m.splatcore").image)
-        )
-        assert ways["both_range_coder"] < ways["both"] <= ways["differences"] + 64
-    assert "both, %" in capsys.readouterr().out
-    assert run("bench coding scene.ply -o out --quality best") == 2

@@ -59,8 +59,7 @@ compare reference golden --scene SCENE --cameras cameras.json --preset tiny
 photographs SCENE -o new --views 2 --size 32x24
 error SCENE --size 32x24 --preset tiny
 join SCENE SCENE -o a.ply
-bench work SCENE -o new --size 32x24 --preset tiny
-bench coding SCENE -o new --quality compact
+bench ablation SCENE -o new --size 32x24 --preset tiny
 """
 
 
@@ -69,7 +68,7 @@ def test_printed_once(place, in_turn, capsys, command):
     """Also by a command that reads a file twice or once per view, and by `bench`."""
     words = command.replace("SCENE", "open.spz")
     takes = " ".join(command.split()[: 2 if command.startswith("bench") else 1])
-    json = "" if takes in ("join", "bench work", "bench coding") else " --json a.json"
+    json = "" if takes in ("join", "bench ablation") else " --json a.json"
     assert run(words + json) == 0
     err = " ".join(capsys.readouterr().err.split())
     assert err.count("does not state its axes") == 1, err
@@ -103,7 +102,7 @@ def test_axes_of_every_command(place, in_turn, capsys, command):
     words = command.replace("SCENE", "stated.spz")
     check_refused(capsys, f"{words} --axes xyz", "--axes 'xyz': unknown")
     refused = "stated.spz: --axes RUB: the file states its axes, RDF"
-    if command.startswith("bench work"):
+    if command.startswith("bench"):
         assert run(f"{words} --axes rub") == 2  # every view failed
         assert "the file states its axes, RDF" in capsys.readouterr().err
     else:

@@ -81,7 +81,7 @@ CLASHES = {
     "train photos -o photos/colmap/points.ply": "-o would overwrite photos/colmap/points.ply",
     "train photos -o photos/images/1.png": "-o would overwrite photos/images/1.png",
     "power scene.ply --json scene.ply": "--json would overwrite scene.ply",
-    "programs --preset file --json file": "--json would overwrite file",
+    "memories --preset file --json file": "--json would overwrite file",
     "bench sort -o out --json out": "-o and --json name the same file",
 }  # fmt: skip
 """Arguments → part of the error message."""
@@ -98,7 +98,7 @@ UNWRITABLE = {
     "example -o file": "file: is not a folder",
     "registers -o file/x": "file/x: folder .* does not exist",
     "report -o file": "file: is not a folder",
-    "bench work one -o file": "file: is not a folder",
+    "bench ablation one -o file": "file: is not a folder",
     "bench sort -o file": "file: is not a folder",
     "coverage sub --json none/a.json": "none/a.json: folder .* does not exist",
     "soak frames -o file": "file: is not a folder",
@@ -176,7 +176,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("command", ["work", "sweep", "ablation", "quality", "rule", "scenes"])
+@pytest.mark.parametrize("command", ["sweep", "ablation", "quality", "rule", "scenes"])
 @pytest.mark.parametrize("scene", SCENES)
 def test_benchmarks_refuse_bad_scenes(place, capsys, command, scene):
     check_refused(capsys, f"bench {command} one {scene} -o wk", SCENES[scene])
@@ -187,8 +187,8 @@ def test_a_campaign_without_a_result_leaves_none(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_scene(tmp_path)
     Path("cut.ply").write_bytes(Path("scene.ply").read_bytes()[:5000])
-    assert run("bench work cut.ply -o wk --size 32x32") == 2
+    assert run("bench rule cut.ply -o wk --size 32x32") == 2
     printed = capsys.readouterr()
     why, end = printed.err.splitlines()
-    assert not printed.out and "cut.ply" in why and end == "error: work: all measurements failed"
+    assert not printed.out and "cut.ply" in why and end == "error: rule: all measurements failed"
     assert not Path("wk").exists()

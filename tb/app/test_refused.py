@@ -51,10 +51,8 @@ WAVES = "render scene.ply --engine rtl --preset tiny --size 9x9 --waves w.vcd -o
 
 BAD = {
     "bench ablation -o nowhere/X garden": "nowhere/X: folder .* does not exist",
-    "bench differentiable --gaussians 0": "--gaussians: count: 0 is not in 1",
-    "bench differentiable --size 0x5": "--size 0x5: width 0",
-    "bench differentiable --repeat 0": "--repeat 0: must be at least 1",
-    "bench differentiable --json none/a.json": "none/a.json",
+    "bench coding scene.ply -o out": "bench coding: .* removed; .*2026-11-compression.md",
+    "programs --show cull": "programs: .* removed; spec/programs.py",
     "bench scenes --out out scene.ply --timing x": "'x'.*ideal or lpddr4",
     "bench scenes --out out --cameras 3 scene.splatcore": "no camera file",
     "bench sort -o out --lengths 1,two": "--lengths '1,two': must be numbers",
@@ -120,7 +118,6 @@ BAD = {
     "photographs scene.ply -o a --cameras bare.json": "bare.json.*fx",
     "photographs scene.ply -o a --cameras empty.json": "holds no cameras",
     "photographs scene.ply -o a --size 99999x10": "width 99999",
-    "programs --show roof": "'roof'.*cull",
     "render none.ply -o a.png": "none.ply",
     "render cameras.json -o a.png": "cameras.json",
     "render scene.ply --camera none.json -o a.png": "none.json",
@@ -182,7 +179,6 @@ def test_bad_input(unchanged, capsys, arguments):
 @pytest.mark.parametrize(
     "arguments",
     [
-        "bench differentiable --gaussians 20",
         "bench compression garden --out out",
         "compress scene.ply -o m",
         "train . -o m",
@@ -194,7 +190,7 @@ def test_without_torch(unchanged, monkeypatch, capsys, arguments):
     check_refused(capsys, arguments, message)
 
 
-PLAIN = "photographs info pack render compare error programs verilog synth memories cycles"
+PLAIN = "photographs info pack render compare error verilog synth memories cycles"
 HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
     "scene": list(GENERATORS)[:3], "bench": ["sort"], "bench sort": ["--lengths"],
     "soak": ["frames", "faults"], "soak frames": ["--only"],

@@ -8,7 +8,6 @@ import numpy as np
 from splatcore.eda.paper import ABLATION, GATES_ALL, LOGIC, MEMORY_POWER, POWER
 from splatcore.sim.frame.picture import write_png
 from splatcore.spec.config import CLOCK_HZ
-from splatcore.spec.programs import TEXTS
 from splatcore.spec.stages import NAMES
 from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES
 
@@ -20,9 +19,6 @@ VIEWS = {
 """Cycles per frame by scene and camera."""
 
 VERSION = "1.2.3, commit abcdef0123"
-
-DENSITY = {"0": 100, "door": 10, "roof": 30}
-"""Step of the number of splats from tile to tile, by camera."""
 
 COUNTS = {
     "points_read": 900, "projected": 700, "splats": 600, "group_entries": 1000,
@@ -141,14 +137,7 @@ def sweep(folder: Path):
 
 
 def machine(folder: Path):
-    """`programs`, `synth`, `memories`."""
-    for preset, file in (("DEFAULT", "programs.json"), ("PAPER", "programs-paper.json")):
-        row = {
-            "operations": 100, "multiply": 50, "add": 40, "divide_or_root": 7, "choose": 3,
-            "pes": 6, "cycles_an_item": 11, "latency": 80, "pes_busy": 0.95, "registers": 50,
-        }  # fmt: skip
-        programs = {name: row | {"operations": 100 + 25 * ("dense" in name)} for name in TEXTS}
-        write(folder / file, {"preset": preset, "programs": programs})
+    """`synth`, `memories`."""
     parts = {
         name: {"stage": stage, "count": count, "nand2": nand2, "depth": 50,
                "speed_nand2": nand2, "speed_depth": 30, "flip_flops": 1, "memories": []}
@@ -167,26 +156,17 @@ def machine(folder: Path):
 
 
 def campaigns(folder: Path):
-    """`bench ablation` and `bench work`."""
+    """`bench ablation`."""
     none, near, *more = ABLATION
-    steps, rows, work, density = [none, near, "+ guard band", *more], [], [], {}
+    steps, rows = [none, near, "+ guard band", *more], []
     for (scene, camera), frame in VIEWS.items():
         for number, step in enumerate(steps):
             row = {"step": step, **of_view(scene, camera, frame * (5 - number))}
             rtl = frame if number == 4 else None
             rows.append(row | {"rtl_cycles": rtl, "rtl_identical": rtl and True})
-        rates = {"near_rate": 0.25, "culling_rate": 0.3, "early_termination_rate": 0.125,
-                 "pe_utilisation": 0.9}  # fmt: skip
-        work.append(of_view(scene, camera, frame) | COUNTS | rates | {
-            "gaussians": 1000, "behind": 250, "read": 900, "entries": 1000
-        })  # fmt: skip
-        tiles = np.arange(12).reshape(3, 4) * DENSITY[camera]
-        density[f"{scene} {camera}"] = tiles.tolist()
     table = [{"name": step, "fields": {}, "paper_fps": ABLATION.get(step)} for step in steps]
     facts = {"preset": "DEFAULT", "size": SIZE, "failed": []}
     write(folder / "ablation/ablation.json", facts | {"steps": table, "rows": rows})
-    facts |= {"rows": work, "density": density, "operations": {}}
-    write(folder / "work/work.json", facts)
 
 
 def others(folder: Path):

@@ -6,11 +6,10 @@ import pytest
 
 from splatcore.sim.common.sources import ROOT, closure, code_key, files_key
 from splatcore.sim.frame import choose
-from splatcore.study.bench import campaigns, sweep, workload
+from splatcore.study.bench import campaigns, sweep
 
 CAMPAIGNS = {
     "sweep": "study/bench/sweep.py", "gates and memories": "study/bench/campaigns.py",
-    "work": "study/bench/workload.py",
 }  # fmt: skip
 MEASURES = CAMPAIGNS | {"packing": "sim/frame/choose.py"}
 """Measurement → the file of its task function; and the file of the function that packs."""
@@ -27,7 +26,7 @@ DECIDES = {
     "hdl/raster/blend.py": CAMPAIGNS,
     "eda/gates/synth.py": ["gates and memories"],
     "sim/machine/memory.hpp": CAMPAIGNS,
-    "study/bench/workload.py": ["work"],
+    "study/bench/campaigns.py": ["gates and memories"],
     "app/cli/scene.py": [],
     "study/report/page.py": [],
 }
@@ -64,7 +63,7 @@ def test_a_changed_file_changes_the_keys_that_depend_on_it(copy, before, file):
 
 
 def test_keys_are_those_of_the_functions_modules(before):
-    functions = sweep.measure, campaigns.machine_size, workload.view_work, choose.packed_model
+    functions = sweep.measure, campaigns.machine_size, choose.packed_model
     assert [code_key(function) for function in functions] == list(before.values())
 
 

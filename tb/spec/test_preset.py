@@ -143,9 +143,9 @@ def test_files_that_cannot_be_read(tmp_path):
 def test_commands_take_files(tmp_path, capsys):
     path = write(tmp_path / "wide.toml", "pe_arrays = 2")
     facts = tmp_path / "facts.json"
-    assert run("programs", "--preset", path, "--json", facts) == 0
+    assert run("memories", "--preset", path, "--json", facts) == 0
     assert '"preset": "wide"' in facts.read_text()
-    assert run("programs", "--preset", write(tmp_path / "bad.toml", "pes = 99")) == 2
+    assert run("memories", "--preset", write(tmp_path / "bad.toml", "pes = 99")) == 2
     assert "bad.toml: preset bad: pes 99 is not in 1 … 12" in capsys.readouterr().err
 
 

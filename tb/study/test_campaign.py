@@ -1,4 +1,4 @@
-"""Campaigns: results are kept, failures named, other tasks survive; sweep, ablation, work."""
+"""Campaigns: results are kept, failures named, other tasks survive; sweep, ablation."""
 
 import signal
 from dataclasses import replace
@@ -21,18 +21,16 @@ from splatcore.sim.frame.engines import truths
 from splatcore.sim.frame.source import Source, View
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import DEFAULT, TINY
-from splatcore.spec.convention import SPLATCORE, TILE
+from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.study.bench import scenes
 from splatcore.study.bench.campaign import Failure, Task, results
 from splatcore.study.bench.campaigns import ablation_machines, confirmed, front, summary
 from splatcore.study.bench.sweep import SPEED, measure, picture_of
 from splatcore.study.bench.sweep_points import Point, points
-from splatcore.study.bench.workload import every_camera, tile_density, view_work
 from tb.helpers.campaign_tasks import crash, die, double
 from tb.helpers.command import load
 from tb.helpers.command import run as command
-from tb.helpers.scenes import needs_scenes, scene_path
 
 SIZE = "96x80"
 GARDEN = View("garden", "", SIZE)
@@ -186,44 +184,10 @@ def test_ablation_of_a_quality():
     assert found["compact"]["psnr_db_scene"] < found["faithful"]["psnr_db_scene"] - 1
 
 
-def test_work():
-    """Rates follow from the counts, and tile densities sum to the pairs."""
-    found = view_work(TINY, View("garden", "", "64x48"))
-    row, density = found["row"], np.array(found["density"])
-    assert density.shape == (48 // TILE, 64 // TILE)
-    assert density.sum() == row["tile_pairs"] > row["pairs"] > 0
-    assert row["culling_rate"] * row["gaussians"] == pytest.approx(
-        row["gaussians"] - row["projected"]
-    )
-    assert 0 < row["pe_utilisation"] < 1 and row["behind"] <= row["gaussians"] - row["projected"]
-
-
-def test_tile_density_counts_each_tile():
-    """`tile_density` equals a count over the masks of all entries."""
-    config = replace(DEFAULT, group=2)
-    model, camera = pack(generate("garden", 500), config)[0], generated_camera("garden", 70, 50)
-    frame = render(config, model, camera)
-    found = np.zeros((4, 6), int)
-    for group, mask in zip(frame.binned.group, frame.binned.entries["mask"], strict=True):
-        for tile in range(4):
-            if int(mask) >> tile & 1:
-                found[group // 3 * 2 + tile // 2, group % 3 * 2 + tile % 2] += 1
-    assert np.array_equal(tile_density(config, frame), found[:4, :5])
-
-
-@needs_scenes
-@pytest.mark.scenes
-def test_every_camera_once():
-    kitchen = str(scene_path("kitchen.spz"))
-    views = [View(kitchen, "", SIZE), View(kitchen, "kitchen_inside_0", SIZE)]
-    found = every_camera(views)
-    assert found[:2] == views and len(found) == 6
-
-
 @pytest.mark.slow
 def test_no_scheduler(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert command("bench work -o X garden --scheduler tcp://127.0.0.1:9")
+    assert command("bench rule -o X garden --scheduler tcp://127.0.0.1:9")
     assert "--scheduler" in capsys.readouterr().err
 
 

@@ -82,7 +82,7 @@ def test_the_repository_s_own_page(tmp_path):
     )  # fmt: skip
     found = Report(tmp_path / "out", done.returncode, done.stderr)
     kept = {name for name in TABLES if all(path.exists() for path in files(name, FOLDER))}
-    assert {"quality", "hard", "programs", "memories"} <= kept
+    assert {"quality", "hard", "synth", "memories"} <= kept
     lines = done.stderr.splitlines()
     missing = set(SOURCES) - kept
     assert done.returncode == bool(lines), done.stderr
@@ -198,10 +198,10 @@ BROKEN = {
 def test_broken_tables_are_refused(kept, tmp_path, capsys, edit, named):
     path = kept / "quality.csv"
     path.write_text(edit(path.read_text()))
-    found = page(tmp_path, capsys, "--section", "quality", "--section", "work")
+    found = page(tmp_path, capsys, "--section", "quality", "--section", "ablation")
     assert found.status == 1 and f"quality: {path}: {named}" in found.messages.replace("\n", " ")
     assert found.messages.count("\n") == 1 and named in unescape(found.text)
-    assert found.table("work", "work") and not found.sections["quality"]["tables"]
+    assert found.table("ablation", "ablation") and not found.sections["quality"]["tables"]
 
 
 def test_without_kept_results(tmp_path, monkeypatch, capsys):

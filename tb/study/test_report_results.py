@@ -21,13 +21,13 @@ def results(tmp_path):
 
 
 def test_equal_results_make_equal_pages(results, capsys):
-    arguments = ("--section", "work", "--section", "scenes")
+    arguments = ("--section", "ablation", "--section", "scenes")
     assert report(results, capsys, *arguments).status == 0
     first = (results / "out" / "report.html").read_bytes()
     report(results, capsys, *arguments)
     assert (results / "out" / "report.html").read_bytes() == first
     assert list(json.loads((results / "out" / "report.json").read_text())["sections"]) == [
-        "work", "scenes",
+        "ablation", "scenes",
     ]  # fmt: skip
 
 
@@ -89,34 +89,34 @@ def test_everything_is_missing(tmp_path, capsys):
 
 
 def test_a_campaign_that_failed_in_parts(results, capsys):
-    path = results / "results" / "work" / "work.json"
+    path = results / "results" / "ablation" / "ablation.json"
     value = json.loads(path.read_text())
-    write(path, value | {"failed": [{"what": "work vase.ply", "why": "memory exhausted"}]})
-    found = report(results, capsys, "--section", "work")
-    assert found.status == 1 and "work vase.ply: memory exhausted" in found.messages
-    assert len(found.table("work", "work")) == 2 + len(VIEWS) + 1
+    write(path, value | {"failed": [{"what": "ablation vase.ply", "why": "memory exhausted"}]})
+    found = report(results, capsys, "--section", "ablation")
+    assert found.status == 1 and "ablation vase.ply: memory exhausted" in found.messages
+    assert len(found.table("ablation", "ablation")) == 1 + len(VIEWS)
 
 
 def test_only_some_scenes(results, capsys, monkeypatch):
     monkeypatch.chdir(results)
     for name in ("vase.ply", "new.spz"):
         Path(name).write_text("scene")
-    words = ("--section", "work", "--scene", "vase.ply")
+    words = ("--section", "ablation", "--scene", "vase.ply")
     found = report(results, capsys, *words)
     assert found.status == 0
-    scenes = [row["scene"] for row in found.table("work", "work")]
+    scenes = [row["scene"] for row in found.table("ablation", "ablation")]
     assert "vase.ply" in scenes and "hall.spz" not in scenes
     found = report(results, capsys, *words, "--scene", "new.spz")
-    assert found.status == 1 and "work.json: has no rows of new.spz" in found.messages
+    assert found.status == 1 and "ablation.json: has no rows of new.spz" in found.messages
 
 
 def test_another_size_or_machine(results, capsys):
-    words = ("--section", "work")
+    words = ("--section", "ablation")
     assert report(results, capsys, *words, "--size", SIZE, "--preset", "default").status == 0
     found = report(results, capsys, *words, "--size", "32x32")
-    assert found.status == 1 and f"work.json: is for size {SIZE}, not 32x32" in found.messages
+    assert found.status == 1 and f"ablation.json: is for size {SIZE}, not 32x32" in found.messages
     found = report(results, capsys, *words, "--preset", "TINY")
-    assert found.status == 1 and "work.json: is for preset DEFAULT, not TINY" in found.messages
+    assert found.status == 1 and "ablation.json: is for preset DEFAULT, not TINY" in found.messages
 
 
 COMMANDS = {
@@ -124,12 +124,9 @@ COMMANDS = {
     "budget": "error --stage all --json DIR/budget.json SCENES SIZE PRESET",
     "quality": "bench quality --psnr , --out DIR/quality SCENES SIZE PRESET",
     "sweep": "bench sweep --out DIR/sweep SCENES SIZE",
-    "programs": "programs --json DIR/programs.json PRESET",
-    "programs-paper": "programs --preset PAPER --json DIR/programs-paper.json",
     "synth": "synth --stage top --json DIR/synth.json PRESET",
     "memories": "memories --json DIR/memories.json PRESET",
     "ablation": "bench ablation --out DIR/ablation SCENES SIZE PRESET",
-    "work": "bench work --out DIR/work SCENES SIZE PRESET",
     "power": "power --json DIR/power.json x.ply SIZE PRESET",
     "hard": "hard --engine golden -o DIR/hard --json DIR/hard/hard.json PRESET",
     "hard-rtl": "hard --engine rtl --preset TINY -o DIR/hard-rtl --json DIR/hard-rtl/hard.json",
@@ -166,15 +163,15 @@ def test_the_named_command_makes_the_result(tmp_path):
 def test_default_scenes(tmp_path):
     """By default make measures all scenes of SPLATCORE_SCENES, or a generated one without it."""
     asked = {"RESULTS": str(tmp_path), "SPLATCORE_SCENES": str(tmp_path / "nowhere")}
-    work, power = (f"{tmp_path}/{file}" for file in ("work/work.json", "power.json"))
-    words = ["bench", "work", "--out", f"{tmp_path}/work"]
+    ablation, power = (f"{tmp_path}/{file}" for file in ("ablation/ablation.json", "power.json"))
+    words = ["bench", "ablation", "--out", f"{tmp_path}/ablation"]
     generated = ["garden", "--size", "640x360"]
-    assert commands(work, **asked) == [[*words, *generated]]
+    assert commands(ablation, **asked) == [[*words, *generated]]
     assert commands(power, **asked) == [["power", "--json", power, *generated]]
     asked["SPLATCORE_SCENES"] = str(tmp_path)
     for name in ("b.spz", "a.x.ply", "a.cameras.json"):
         (tmp_path / name).write_text("")
-    assert commands(work, **asked) == [words]
+    assert commands(ablation, **asked) == [words]
     one = [f"{tmp_path}/a.x.ply", "--camera", f"{tmp_path}/a.cameras.json"]
     assert commands(power, **asked) == [["power", "--json", power, *one]]
 
@@ -188,7 +185,7 @@ def test_only_missing_results_are_measured(results):
     assert commands("results", RESULTS=str(place)) == [hard.split(), memories.split()]
     (results / "new.spz").write_text("scene")
     newer = commands("results", RESULTS=str(place), SCENES=str(results / "new.spz"))
-    assert len(newer) == 2 + 7  # campaigns and power, too
+    assert len(newer) == 2 + 6  # campaigns and power, too
 
 
 def test_a_measurement_that_fails(results):
@@ -218,7 +215,7 @@ def test_a_measurement_that_fails(results):
 def test_make_report(tmp_path):
     """With the real program: one result is measured, one fails and its message is passed on."""
     everything(tmp_path / "results")
-    for name in ("programs.json", "power.json"):
+    for name in ("memories.json", "power.json"):
         (tmp_path / "results" / name).unlink()
     (tmp_path / "odd.ply").write_text("no scene")
     place = tmp_path / "results"
@@ -228,9 +225,9 @@ def test_make_report(tmp_path):
         RESULTS=str(place), SCENE=str(tmp_path / "odd.ply"),
     )  # fmt: skip
     found = Report(tmp_path / "out", made.returncode, made.stderr)
-    programs = json.loads((place / "programs.json").read_text())["programs"]["project_antialiased"]
-    row = found.table("paper", "operations")[3]
-    assert row["all, operations"] == programs["operations"] != 100
+    kilobytes = json.loads((place / "memories.json").read_text())["kilobytes"]
+    sizes = {row["memory"]: row["size, KB"] for row in found.table("paper", "memories")[:9]}
+    assert sizes["all"] == kilobytes != 4
     assert found.status and found.messages.count("error: ") == 1 and "odd.ply" in found.messages
     assert f"power.json: does not exist; create with: make RESULTS={place}" in found.text
     assert found.table("paper", "gates") and not found.sections["power"]["tables"]
@@ -240,12 +237,12 @@ def test_the_command_has_the_result_s_options(results):
     """The command below a figure has the options its result was measured with."""
     place = results / "results"
     found = Results(place)
-    start, path = f"make RESULTS={place} ", place / "work" / "work.json"
-    assert found.command("work") == f"{start}{path}"  # before the result is read
-    found.facts("work")
-    assert found.command("work") == f"{start}SIZE={SIZE} {path}"
+    start, path = f"make RESULTS={place} ", place / "ablation" / "ablation.json"
+    assert found.command("ablation") == f"{start}{path}"  # before the result is read
+    found.facts("ablation")
+    assert found.command("ablation") == f"{start}SIZE={SIZE} {path}"
     value = json.loads(path.read_text())
     rows = [row | {"scene": "garden"} for row in value["rows"]]
     write(path, value | {"rows": rows, "size": "1920x1080", "preset": "TINY"})
-    found.facts("work")
-    assert found.command("work") == f"{start}SCENES=garden PRESET=TINY {path}"
+    found.facts("ablation")
+    assert found.command("ablation") == f"{start}SCENES=garden PRESET=TINY {path}"
