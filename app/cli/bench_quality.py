@@ -3,9 +3,6 @@
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
     MACHINE,
-    AntialiasedOption,
-    AxesOption,
-    NearOption,
     PresetOption,
     option,
 )
@@ -25,12 +22,10 @@ TargetsOption = option(
 @bench.bench.command("quality")
 def quality_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     psnr: TargetsOption = TARGETS,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -46,9 +41,7 @@ def quality_command(
     except ValueError:
         raise InputError(f"--psnr '{psnr}': must be numbers separated by commas") from None
     config = find_preset(preset)
-    found = bench.look(
-        output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
-    )
+    found = bench.look(output, scene, cameras, size, [config], reading=reading)
     facts = quality(config, found, targets, output, scheduler)
     headings = "bytes|dB, scene|dB, packing|dB, machine|max error, machine|k cycles|model MB read"
     table = new_table("view", headings.split("|"), "by golden and cycle model", ["packing"])

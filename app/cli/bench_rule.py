@@ -5,9 +5,6 @@ from dataclasses import replace
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
     MACHINE,
-    AntialiasedOption,
-    AxesOption,
-    NearOption,
     PresetOption,
     option,
 )
@@ -29,12 +26,10 @@ QualityOption = option(
 @bench.bench.command("rule")
 def rule_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -50,9 +45,7 @@ def rule_command(
     from splatcore.study.bench.rule import cells, measure_rules
 
     config = find_preset(preset)
-    found = bench.look(
-        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
-    )
+    found = bench.look(output, scene, cameras, size, [config], quality, reading)
     found = [
         view if view.quality or is_packed(view.scene) else replace(view, quality=COMPACT)
         for view in found

@@ -3,7 +3,6 @@
 from splatcore.app.cli import describe, options
 from splatcore.app.cli.options import option
 from splatcore.sim.common.output import console, progress_bar
-from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import (
     Source,
@@ -32,11 +31,7 @@ BrowserOption = option(bool, None, "Open the page in the browser of this compute
 @options.app.command("view")
 def view_command(
     scene: options.SourceArgument,
-    camera: options.CameraOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
+    view: options.Viewing,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
     host: HostOption = "127.0.0.1",
@@ -53,12 +48,12 @@ def view_command(
 
     config = find_preset(preset)
     options.check_quality(quality, scene)
-    if size:
-        check_fits(config, *parse_size(size))
+    if view.size:
+        check_fits(config, *parse_size(view.size))
     check_viser(host, port)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, Reading(antialiased, axes, near))
-        setting = setting_of(source, camera, size, config, quality)
+        source = open_source(scene, view.reading)
+        setting = setting_of(source, view.camera, view.size, config, quality)
     mark = describe.antialiased_line(source)
     with served(source, setting, host, port) as (address, _):
         console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}", soft_wrap=True)

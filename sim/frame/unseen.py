@@ -15,6 +15,7 @@ from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Scene
 
 if TYPE_CHECKING:
+    from splatcore.sim.frame.shot import Shot
     from splatcore.sim.frame.source import Source
 
 FEW = 0.1
@@ -24,13 +25,14 @@ NEAREST = 0.01
 """The near plane of gsplat and most viewers (scene units)."""
 
 
-def note_empty(source: "Source", camera: Camera, counts: dict):
+def note_empty(shot: "Shot", counts: dict):
     """Add a note if a picture shows no Gaussian.
 
     counts: of the picture, with "visible" (reference) or "splats" (machine)
     """
     if counts.get("visible", counts.get("splats")):
         return
+    source, camera = shot.source, shot.camera
     text = f"no Gaussian is visible from camera{_name(camera)} at {_point(camera.position)}"
     text = f"{text} with near plane {camera.near:g}{_extent(source)}"
     notes.add(f"{source.name}: {text}")

@@ -16,10 +16,8 @@ from splatcore.golden.raster import rasterize
 from splatcore.sim.common.output import write
 from splatcore.sim.common.table import comma_separated, in_markdown, shown
 from splatcore.sim.cycles.raster import raster_cycles
-from splatcore.sim.frame.choose import packed_model
-from splatcore.sim.frame.engines import truths
 from splatcore.sim.frame.metric import against, differences
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.study.bench.campaign import Task, collected
@@ -77,10 +75,9 @@ def measure_rules(config: Config, views: list[View], folder: Path, scheduler: st
 
 def measure(config: Config, view: View) -> dict:
     """Measure a view: {"rows": [one row per rule]}."""
-    source, camera = view.open()
-    model = packed_model(source, config, camera, view.quality)
-    truth = {"machine": truths(source, model, camera)["machine"]}
-    frame = render(replace(config, faint=()), model, camera)
+    shot = view.open(config)
+    camera, truth = shot.camera, {"machine": shot.reference}
+    frame = render(replace(config, faint=()), shot.model, camera)
     about = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}
     rows = [about | row(replace(config, faint=rule), frame, camera, truth) for rule in rules()]
     return {"rows": rows}
