@@ -42,10 +42,10 @@ def rule_command(
     error compare 8-bit pictures with the reference's of the same packed model under 3DGS's rule.
     Writes DIR/rule.json, rule.md and rule.csv.
     """
-    from splatcore.study.bench.rule import cells, measure_rules
-
     config = find_preset(preset)
     found = bench.look(output, scene, cameras, size, [config], quality, reading)
+    from splatcore.study.bench.rule import cells, measure_rules
+
     found = [
         view if view.quality or is_packed(view.scene) else replace(view, quality=COMPACT)
         for view in found

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from splatcore.app.cli import describe, options, path, simulate
+from splatcore.app.cli import describe, options, path
 from splatcore.app.cli import render_path as along
 from splatcore.app.cli.bench import SchedulerOption
 from splatcore.app.cli.options import option
@@ -83,6 +83,8 @@ def render_command(
     )
     machine = {"config": find_preset(preset), "convention": convention}
     if engine == "rtl":
+        from splatcore.app.cli import simulate
+
         return simulate.run(scene, view, simulate.Request(output), json, **machine)
     if not view.cameras:
         return render_one(scene, view, engine, compare, heat_map, output, json, **machine)

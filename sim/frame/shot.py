@@ -138,11 +138,11 @@ class Shot:
 
     def _exact(self, name: str, of: str, gaussians: Callable[[], Gaussians]) -> np.ndarray:
         """Render by the reference, unless packing has judged this view by the same picture."""
-        from splatcore.golden.reference import render
-
         plain = self.convention == SPLATCORE
         if plain and getattr(self.packed, "camera", None) is self.camera:
             return getattr(self.packed, name)
+        from splatcore.golden.reference import render
+
         with self.bar(f"rendering the {of} by the reference") as advance:
             return render(gaussians(), self.camera, self.convention, advance).pixels
 

@@ -19,7 +19,8 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.frame.picture import write_png
 from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import View, open_source
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import open_source, opened
 from splatcore.spec.config import PAPER, TINY
 from splatcore.spec.error import InputError
 from splatcore.study.bench import scenes, sweep
@@ -40,7 +41,8 @@ def place(tmp_path, monkeypatch):
     for name in ("scene", "mip"):
         shutil.copy("cameras.json", f"{name}.cameras.json")
     Path(COMPENSATES).write_text('base = "TINY"\nantialiasing = true\n')
-    sweep.opened.cache_clear()
+    opened.cache_clear()
+    sweep.packed_by.cache_clear()
     return tmp_path
 
 
@@ -206,14 +208,13 @@ def test_views_of_benchmarks(place, monkeypatch, antialiased):
     views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], reading=reading)
     views += [bench.view_of("mip.ply:4", "64x48", None, reading)]
     own = scenes.views(["mip.ply"], "4", "64x48")[0]
-    assert len(views) == 2 and own.open()[0].stated["antialiased_by"] == COMMENT
+    assert len(views) == 2 and own.open().source.stated["antialiased_by"] == COMMENT
     option = "--antialiased" if antialiased else "--no-antialiased"
     stated = {"antialiased": antialiased, "antialiased_by": option, "notes": [], "near": 0.2}
     for view in views:
-        assert view.open()[0].stated == stated
+        assert view.open().source.stated == stated
         assert view.name.endswith(f" {option}") and repr(view) != repr(own) != own.name
-        opened = sweep.opened(view.scene, view.reading)
-        assert opened.stated["antialiased"] == antialiased
+        assert opened(view.scene, view.reading).stated["antialiased"] == antialiased
 
 
 def test_measured_tasks_have_the_override(place):

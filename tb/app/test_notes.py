@@ -19,11 +19,11 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import View, open_source
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import open_source, opened
 from splatcore.sim.frame.unseen import axes_note
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
-from splatcore.study.bench import sweep
 from tb.helpers.command import check_refused, load, run, write_scene
 from tb.helpers.scene_file import spz_of
 
@@ -43,7 +43,7 @@ def place(tmp_path, monkeypatch):
     Path("stated.spz").write_bytes(spz_of(scene, 6))
     for name in ("scene", "open", "stated"):
         shutil.copy("cameras.json", f"{name}.cameras.json")
-    sweep.opened.cache_clear()
+    opened.cache_clear()
     return tmp_path
 
 

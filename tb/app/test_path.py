@@ -8,8 +8,9 @@ import av
 import numpy as np
 import pytest
 
+from splatcore.app.cli import path as path_command
 from splatcore.app.cli import video
-from splatcore.app.cli.path import folded, quality_of
+from splatcore.app.cli.path import folded, packed_alike
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.common import output
@@ -17,9 +18,9 @@ from splatcore.sim.common.pool import processes
 from splatcore.sim.frame import choose
 from splatcore.sim.frame.metric import channel_error, difference
 from splatcore.sim.frame.picture import error_picture, read_png
-from splatcore.sim.frame.source import Source, open_path
-from splatcore.spec.config import DEFAULT
-from splatcore.study.bench import campaign, sweep
+from splatcore.sim.frame.shot import Shot
+from splatcore.sim.frame.source import Source, open_path, opened
+from splatcore.study.bench import campaign
 from tb.helpers.campaign_tasks import say
 from tb.helpers.command import check_documented, check_refused, load, run, write_scene
 
@@ -45,7 +46,7 @@ def place(tmp_path, monkeypatch):
     Path("pictures").mkdir()
     shutil.copy("scene.ply", "pictures/4.png")
     Path("taken/7.png").mkdir(parents=True)
-    sweep.opened.cache_clear()
+    opened.cache_clear()
     return tmp_path
 
 
@@ -107,7 +108,7 @@ def test_a_scene_is_opened_and_packed_once(here, monkeypatch):
         return lambda *words, **more: done.append(function.__name__) or function(*words, **more)
 
     monkeypatch.setattr(choose, "pack", counted(choose.pack))
-    monkeypatch.setattr(sweep, "open_source", counted(sweep.open_source))
+    monkeypatch.setattr(path_command, "open_source", counted(path_command.open_source))
     found = path("cycles scene.ply --cameras cameras.json --quality faithful")
     assert sorted(done) == ["open_source", "pack"]
     run("pack scene.ply -o m.splatcore --quality faithful --camera cameras.json")
@@ -138,9 +139,11 @@ def test_packing_notes_are_printed_once(here, capsys):
 
 def test_few_views_choose_the_packing(monkeypatch):
     """The quality is chosen from at most four views: the first and others, evenly spread."""
-    monkeypatch.setattr(choose, "quality_of", lambda source, config, views: views)
+    monkeypatch.setattr(choose, "quality_of", lambda scene, config, views: views)
+    source = Source("scene", scene=object())
     for count, some in ((1, [0]), (4, [0, 1, 2, 3]), (9, [0, 3, 6]), (400, [0, 100, 200, 300])):
-        assert quality_of(Source("scene"), DEFAULT, list(range(count))) == some
+        shots = packed_alike([Shot(source, number) for number in range(count)])
+        assert [shot.quality for shot in shots] == [some] * count
 
 
 def test_compare_each_camera(here, monkeypatch, capsys):

@@ -61,9 +61,9 @@ def cameras_used(monkeypatch):
     """Record the camera of each photograph, by file name."""
     photograph, used = capture.photograph, {}
 
-    def noted(source, view):
-        used[f"{view.name}.png"] = view
-        return photograph(source, view)
+    def noted(shot):
+        used[f"{shot.camera.name}.png"] = shot.camera
+        return photograph(shot)
 
     monkeypatch.setattr(capture, "photograph", noted)
     return used

@@ -43,7 +43,7 @@ def test_too_large(place, capsys, command, view, size):
     check_refused(capsys, f"{command} {view}", f"^error: picture of {size}: .*{most}")
 
 
-@pytest.mark.parametrize("command", ["work", "scenes", "quality", "rule", "ablation", "sweep"])
+@pytest.mark.parametrize("command", ["scenes", "quality", "rule", "ablation", "sweep"])
 def test_benchmarks(place, capsys, command):
     check_refused(
         capsys, f"bench {command} scene.ply --size 4000x4000 -o wk",
