@@ -249,53 +249,6 @@ def test_numbers_of_rows():
     assert folded(rows, max) == {"a": 4, "db": 50.0, "in": {"b": 4.0}}
 
 
-BAD = {
-    "cycles scene.ply --camera cameras.json --cameras 4,7": "use --camera or --cameras, not both",
-    "render scene.ply -o a --camera cameras.json --cameras 4": "use --camera or --cameras, not",
-    "compare reference golden --scene scene.ply --camera cameras.json --cameras 4": "not both",
-    "cycles scene.ply --cameras 4,5": "--cameras 4,5: no such file; scene.*no camera '5'.*4, 7",
-    "cycles scene.ply --cameras cameras.json:5": "cameras.json: no camera '5'",
-    "cycles scene.ply --cameras none.json": "--cameras none.json: no such file; scene",
-    "cycles garden --cameras none.json": "--cameras none.json: no such file, and garden has no",
-    "cycles scene.ply --cameras 4,4": "--cameras 4,4: two cameras have the name 4",
-    "cycles scene.ply cut.ply --cameras 4,7": "--cameras: needs a single SCENE",
-    "cycles cut.ply --cameras cameras.json": "cut.ply: ",
-    "cycles none.ply --cameras 4,7": "none.ply: No such file",
-    "cycles scene.ply --cameras large.json": "picture of 8000x48: preset DEFAULT",
-    "cycles scene.ply --scheduler tcp://localhost:1": "--scheduler: goes with --cameras",
-    "compare reference a.png --scene scene.ply --cameras 4": "--cameras: needs reference gol",
-    "compare reference rtl --scene scene.ply --cameras 4": "--cameras: needs reference golden",
-    "compare reference golden --scene scene.ply --cameras 4 -o a.png": "and no -o",
-    "render scene.ply": "-o: is missing",
-    "render scene.ply --cameras 4,7": "-o: is missing",
-    "render scene.ply -o a.png --cameras 4,7": "-o a.png: names a picture; with --cameras it is a",
-    "render scene.ply -o new --cameras slash.json": "two cameras have the name a/b",
-    "render scene.ply -o cut.ply --cameras 4,7": "cut.ply: is not a folder",
-    "render scene.ply -o none/new --cameras 4,7": "none/new: folder .*none does not exist",
-    "render scene.ply -o taken --cameras 4,7": "taken/7.png: is a folder",
-    "render pictures/4.png -o pictures --cameras cameras.json": "-o would overwrite pictures/4.png",
-    "render scene.ply -o new --json new --cameras 4,7": "-o and --json name the same file",
-    "render scene.ply -o new --cameras 4,7 --heat-map h.png": "--heat-map: goes with one camera",
-    "render scene.ply -o new --cameras 4,7 --engine rtl": "--engine rtl: no --cameras",
-    "render scene.ply -o new --cameras 4,7 --fps 5": "--fps: goes with --cameras and --video",
-    "render scene.ply -o a.png --beside error": "--beside: goes with --cameras",
-    "render scene.ply -o a.png --video v.mp4": "--video: goes with --cameras",
-    "render scene.ply --cameras 4,7 --video v.avi": "--video v.avi: must end in .mp4",
-    "render scene.ply --cameras 4,7 --video none/v.mp4": "none/v.mp4: folder .*none does not exist",
-    "render scene.ply --cameras 4,7 --video v.mp4 --fps 0": "'--fps': .*or equal to 1",
-    "render scene.ply --cameras 4,7 --video v.mp4 --beside roof": "--beside 'roof': unknown",
-    "render scene.ply --cameras 4,7 --video v.mp4 --beside error": "--beside: goes with --engine g",
-    "render scene.ply --cameras sizes.json --video v.mp4": "64x48 and 63x48; use --size",
-}
-
-
-@pytest.mark.parametrize("arguments", BAD)
-def test_refused(place, capsys, arguments):
-    before = sorted(place.rglob("*"))
-    check_refused(capsys, arguments, BAD[arguments])
-    assert sorted(place.rglob("*")) == before
-
-
 def test_without_the_encoder(place, monkeypatch, capsys):
     monkeypatch.setattr(video, "find_spec", lambda name: None)
     words = "render none.ply --cameras 4,7 --video v.mp4"
