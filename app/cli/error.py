@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -80,7 +82,7 @@ BUDGET = (
 
 
 class Errors(NamedTuple):
-    """What a stage has measured.
+    """The measured errors of a stage.
 
     show: prints its tables
     plot: writes its plot into a file
@@ -125,26 +127,17 @@ def of_points(views: Views, machines: list[Config], quality: str | None, named: 
     )
 
 
-def of_sort(views: Views, *_) -> Errors:
-    """Measure the error by format of stage 2's keys."""
-    from splatcore.study.accuracy.sort import sort_errors, sort_table, write_sort_plot
+def of_formats(stage: str) -> Callable[..., Errors]:
+    """Return the measurement of stage 2 or 3, whose number formats are swept."""
 
-    found = sort_errors(views)
-    return Errors(
-        lambda: print_whole(sort_table(found)),
-        lambda path: write_sort_plot(path, found), {"machines": found},
-    )  # fmt: skip
+    def measure(views: Views, *_) -> Errors:
+        module = import_module(f"splatcore.study.accuracy.{stage}")
+        found = getattr(module, f"{stage}_errors")(views)
+        table, plot = getattr(module, f"{stage}_table"), getattr(module, f"write_{stage}_plot")
+        show = partial(print_whole, table(found))
+        return Errors(show, lambda path: plot(path, found), {"machines": found})
 
-
-def of_raster(views: Views, *_) -> Errors:
-    """Measure the error by format of stage 3."""
-    from splatcore.study.accuracy.raster import raster_errors, raster_table, write_raster_plot
-
-    found = raster_errors(views)
-    return Errors(
-        lambda: print_whole(raster_table(found)),
-        lambda path: write_raster_plot(path, found), {"machines": found},
-    )  # fmt: skip
+    return measure
 
 
 def of_all(views: Views, machines: list[Config], quality: str | None, *_) -> Errors:
@@ -184,8 +177,8 @@ EVERYTHING = "all"
 
 STAGES = {
     "project": Stage(of_points, hard=True),
-    "sort": Stage(of_sort, 0),
-    "raster": Stage(of_raster, 0),
+    "sort": Stage(of_formats("sort"), 0),
+    "raster": Stage(of_formats("raster"), 0),
     EVERYTHING: Stage(of_all, 1),
 }
 

@@ -8,9 +8,9 @@ from splatcore.sim.frame.source import (
     Source,
     camera_beside,
     check_fits,
+    open_camera,
     open_cameras,
     open_source,
-    own_camera,
 )
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -77,7 +77,7 @@ def setting_of(
     if size:
         (view,) = open_cameras(camera, None, size, source)
     else:
-        view = own_camera(camera, size, source)
+        view = open_camera(camera, size, source, resized=False)
         source.seen_by(view)
         view = view.resized(*fitting(config, within((view.width, view.height), AT_MOST)))
     file = split_id(camera)[0] if camera else camera_beside(source.name)

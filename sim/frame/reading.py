@@ -16,7 +16,7 @@ ANTIALIASED = {True: "--antialiased", False: "--no-antialiased"}
 
 @dataclass(frozen=True)
 class Marks:
-    """What a scene file may leave open; None: not given. Raises InputError for unknown axes."""
+    """Marks that a scene file may lack; None: not given. Raises InputError for unknown axes."""
 
     antialiased: bool | None = option(
         None,

@@ -8,6 +8,8 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
 from splatcore.model.formats.model_file import is_packed, read_model
@@ -84,6 +86,11 @@ class Source:
         return (self.model if self.scene is None else self.scene).gaussians()
 
     @property
+    def position(self) -> np.ndarray:
+        """Centres of the Gaussians, [N, 3]."""
+        return (self.model if self.scene is None else self.scene).position
+
+    @property
     def stated(self) -> dict[str, bool | str | list[str] | float]:
         """Facts for `--json`: opacity compensation and its reason, notes, and the near plane."""
         if self.scene is None:
@@ -146,20 +153,20 @@ def check_named(text: str):
         raise InputError(f"{text}: {why}")
 
 
-def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """Return the camera of `own_camera`, resized to its picture."""
-    camera = own_camera(text, size, source)
-    return pictured([camera], size, split_id(text)[0] if text else source.name)[0]
+def open_camera(text: str | None, size: str | None, source: Source, resized: bool = True) -> Camera:
+    """Return the camera of FILE[:ID], else the scene's own, else a generated view.
 
-
-def own_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """Return the camera of FILE[:ID], else the scene's own, else a generated view; not resized."""
+    resized: to --size; InputError if the picture is too large without it
+    """
     shape = shape_of(size)
     if text:
         camera = read_camera(text, shape)
     else:
         camera = source.camera or sensible_view(source.gaussians, *(shape or VIEW_SIZE))
-    return source.reading.seen([camera])[0]
+    [camera] = source.reading.seen([camera])
+    if not resized:
+        return camera
+    return pictured([camera], size, split_id(text)[0] if text else source.name)[0]
 
 
 def open_cameras(

@@ -14,6 +14,7 @@ import typer
 from splatcore.app.cli import bench
 from splatcore.app.cli.main import register
 from splatcore.app.cli.options import app
+from splatcore.app.cli.reference import all_commands
 from splatcore.app.view import worker
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
@@ -181,23 +182,17 @@ def test_refused_with_a_packed_model(packed, capsys, option):
         check_refused(capsys, f"{line} {option}", re.escape(message))
 
 
-def commands(group: object, *words: str):
-    """Yield the name and parameters of every command of a group."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, *words, name)
-        else:
-            yield " ".join((*words, name)), command.params
-
-
 def test_every_command_with_a_scene_has_the_option():
-    """Commands with a SCENE argument, `scene` and `train` have both options; `report` does not."""
+    """Commands with a SCENE argument, `scene` and `train` have both options; `report` does not.
+    All except `scene` and `train`, which read no scene file, also have --axes."""
     register()
-    for name, parameters in commands(typer.main.get_command(app)):
+    for name, command in all_commands(typer.main.get_command(app)):
+        parameters = command.params
         takes = any(re.search(r"\bSCENE\b(?!\.)", each.metavar or "") for each in parameters)
         takes = (takes or name in ("scene", "train")) and name != "report"
         options = {text for each in parameters for text in each.opts + each.secondary_opts}
         assert ({"--antialiased", "--no-antialiased"} <= options) == takes, name
+        assert ("--axes" in options) == (takes and name not in ("scene", "train")), name
 
 
 @pytest.mark.parametrize("antialiased", [True, False])

@@ -7,11 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 import splatcore
-from splatcore.app.cli.main import register
-from splatcore.app.cli.options import app
 from splatcore.app.cli.view import setting_of
 from splatcore.app.view import text
 from splatcore.model.formats.camera_file import read_cameras
@@ -193,19 +190,6 @@ def test_a_packed_model_has_no_axes(place, capsys):
         check_refused(capsys, f"{command} --axes rdf", message)
     check_refused(capsys, "render garden -o a.png --axes rdf", "--axes RDF: garden is generated")
     assert open_source("a.splatcore").stated["notes"] == []
-
-
-def test_every_command_with_a_scene_has_axes():
-    register()
-
-    def commands(group):
-        for command in group.commands.values():
-            yield from commands(command) if hasattr(command, "commands") else [command]
-
-    for command in commands(typer.main.get_command(app)):
-        options = {text for each in command.params for text in each.opts}
-        takes = "--antialiased" in options and command.name not in ("scene", "train")
-        assert ("--axes" in options) == takes, command.name
 
 
 def test_views_by_other_axes_have_other_names(place):

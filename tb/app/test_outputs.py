@@ -7,26 +7,16 @@ import typer
 
 from splatcore.app.cli.main import register
 from splatcore.app.cli.options import App, Command, app
+from splatcore.app.cli.reference import all_commands
 from splatcore.spec.error import InputError
 from tb.helpers.command import run, write_scene
 
 
-def commands(application: typer.Typer):
-    """Yield all commands of an application and of its groups."""
-    group = typer.main.get_command(application)
-    waiting = list(group.commands.values())
-    while waiting:
-        command = waiting.pop()
-        if hasattr(command, "commands"):
-            waiting += command.commands.values()
-        else:
-            yield command
-
-
 def test_every_command_is_checked():
     register()
-    assert len(found := list(commands(app))) > 20
-    assert all(isinstance(command, Command) for command in found)
+    found = dict(all_commands(typer.main.get_command(app)))
+    assert len(found) > 20
+    assert all(isinstance(command, Command) for command in found.values())
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, InputError("no"), RuntimeError("no")])

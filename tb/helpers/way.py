@@ -1,4 +1,7 @@
-"""The way of a scene through a command: functions that receive or return it, and their files.
+"""The way of a scene through a command: functions that it passes through, and their files.
+
+A function counts if it is given, or returns, a scene, its Gaussians, its packed model or a value
+that holds one; the methods of such a value do not.
 
 `python -m tb.helpers.way render garden --size 64x64 -o a.png` runs a command and prints them.
 """
@@ -48,7 +51,9 @@ def followed() -> Iterator[dict[tuple[str, str], None]]:
         if event == "call":
             given, count = frame.f_locals, code.co_argcount + code.co_kwonlyargcount
             values = [given.get(name) for name in code.co_varnames[:count]]
-        if any(carries(each) for each in values):
+        if carries(frame.f_locals.get("self")):
+            names[code] = None
+        elif any(carries(each) for each in values):
             found[key] = None
 
     sys.setprofile(visit)
