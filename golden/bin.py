@@ -7,18 +7,12 @@ from numba import njit
 
 from splatcore.golden.arithmetic import convert, to_fixed
 from splatcore.golden.footprint import footprints
+from splatcore.spec import feature
 from splatcore.spec import group as records
 from splatcore.spec.binning import PAGE_BITS, bursts_per_page
 from splatcore.spec.colour import CHANNELS, scaled_colours, unscaled_colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.depth import depth_keys
-from splatcore.spec.feature import (
-    FACTOR,
-    FACTOR_SCALE,
-    SHEAR,
-    centre_codes,
-    short_colours,
-)
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import splat_record
@@ -30,43 +24,26 @@ PAGE_MAX = (1 << PAGE_BITS) - 1
 
 @dataclass(frozen=True, eq=False)
 class Lists:
-    """The list memory of a frame.
+    """The list memory of a frame."""
 
-    address: [B] bursts' addresses in list memory, in bursts, in the order of writing
-    slots: [B, burst] uint64, their entries
-    page: [G] first page of each group, 0 if its list is empty
-    count: [G] entries of each group
-    needed: pages that the lists need, even if memory has fewer
-    """
-
-    address: np.ndarray
-    slots: np.ndarray
-    page: np.ndarray
-    count: np.ndarray
-    needed: int
+    address: np.ndarray  # [B] bursts' addresses in list memory, in bursts, in the order of writing
+    slots: np.ndarray  # [B, burst] uint64, their entries
+    page: np.ndarray  # [G] first page of each group, 0 if its list is empty
+    count: np.ndarray  # [G] entries of each group
+    needed: int  # pages that the lists need, even if memory has fewer
 
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """The result of binning a frame's splats.
+    """The result of binning a frame's splats. A splat's number is its place in `kept`."""
 
-    kept: [K] indices of the splats that touch a tile, in their order; below, a splat's number is
-        its place in this array
-    features: [K] codes of `feature_record`
-    group: [E] group of each entry, in the hardware's order
-    entries: [E] codes of `entry_record`, in the hardware's order
-    lists: the list memory
-    splat_rows: [N] tile rows visited for each splat
-    splat_entries: [N] entries of each splat
-    """
-
-    kept: np.ndarray
-    features: Codes
-    group: np.ndarray
-    entries: Codes
+    kept: np.ndarray  # [K] indices of the splats that touch a tile, in their order
+    features: Codes  # [K] of `feature_record`
+    group: np.ndarray  # [E] group of each entry, in the hardware's order
+    entries: Codes  # [E] of `entry_record`, in the same order
     lists: Lists
-    splat_rows: np.ndarray
-    splat_entries: np.ndarray
+    splat_rows: np.ndarray  # [N] tile rows visited for each splat
+    splat_entries: np.ndarray  # [N] entries of each splat
 
     @property
     def rows(self) -> int:
@@ -110,18 +87,18 @@ def features(config: Config, splats: Codes) -> Codes:
     """Return codes [K] of `feature_record`, from codes [K] of `splat_record`."""
     format, unit = config.arithmetic, config.screen_exponent
     u, v = (format.decode(splats[name]) for name in "uv")
-    found = centre_codes(np.ldexp(u, unit), np.ldexp(v, unit))
-    found["shear"] = convert(format, SHEAR, splats["shear"])
+    found = feature.centre_codes(np.ldexp(u, unit), np.ldexp(v, unit))
+    found["shear"] = convert(format, feature.SHEAR, splats["shear"])
     for name in ("across", "along"):
-        scale = FACTOR_SCALE - 2 * unit
-        found[name] = convert(format, FACTOR, splats[f"power_{name}"], scale)
+        scale = feature.FACTOR_SCALE - 2 * unit
+        found[name] = convert(format, feature.FACTOR, splats[f"power_{name}"], scale)
     found["opacity"] = to_fixed(format, Fixed(OPACITY.width, 0), splats["attenuation"])
     unscaled = unscaled_colour_format(config)
     for channel in CHANNELS:
         codes = splats[channel]
         if config.colours == "array":
             codes = to_fixed(format, unscaled, codes)
-        codes = short_colours(config, scaled_colours(codes.astype(np.int64)), np.where)
+        codes = feature.short_colours(config, scaled_colours(codes.astype(np.int64)), np.where)
         found[channel] = codes.astype(np.uint64)
     return found
 

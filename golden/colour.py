@@ -5,18 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.golden.program import Values, run
-from splatcore.spec.colour import (
-    BASE,
-    BASIS,
-    CHANNELS,
-    GAIN,
-    LAYOUTS,
-    LOW,
-    POLYNOMIAL,
-    TERMS,
-    TOTAL_FRACTION,
-    unscaled_colour_format,
-)
+from splatcore.spec import colour as spec
 from splatcore.spec.config import Config
 from splatcore.spec.memory import CHUNK, CODEBOOK_WORD, COLOUR_ENTRY, SH_ENTRY
 from splatcore.spec.microprogram import basis
@@ -24,7 +13,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import BASIS_CONSTANTS
 from splatcore.spec.record import Record
 
-ONE = 1 << POLYNOMIAL.fraction
+ONE = 1 << spec.POLYNOMIAL.fraction
 """The polynomial 1 of the base, in steps of `POLYNOMIAL`."""
 
 
@@ -38,9 +27,9 @@ def colours(config: Config, model: PackedModel, rays: Values, index: np.ndarray)
     factors = polynomials(config, rays) if config.sh_degree else []
     make = from_codebooks if model.format.codebooks else from_steps
     total = make(model, factors, index)  # [M, 3]
-    format = unscaled_colour_format(config)
-    colour = np.ldexp(rounded(total, TOTAL_FRACTION - format.fraction), -format.fraction)
-    return dict(zip(CHANNELS, np.clip(colour, 0, format.max).T, strict=True))
+    format = spec.unscaled_colour_format(config)
+    colour = np.ldexp(rounded(total, spec.TOTAL_FRACTION - format.fraction), -format.fraction)
+    return dict(zip(spec.CHANNELS, np.clip(colour, 0, format.max).T, strict=True))
 
 
 def rounded(total: np.ndarray, bits: int) -> np.ndarray:
@@ -50,15 +39,15 @@ def rounded(total: np.ndarray, bits: int) -> np.ndarray:
 
 def polynomials(config: Config, rays: Values) -> list[np.ndarray]:
     """Return for each of the machine's `TERMS` its polynomials [M, k] in steps of 2^−11, int64."""
-    machine = replace(config, arithmetic=BASIS)
-    inputs = {f"ray_{axis}": BASIS.round(rays[f"ray_{axis}"]) for axis in "xyz"}
+    machine = replace(config, arithmetic=spec.BASIS)
+    inputs = {f"ray_{axis}": spec.BASIS.round(rays[f"ray_{axis}"]) for axis in "xyz"}
     values = run(machine, basis(config), BASIS_CONSTANTS | inputs)
     found = []
-    for term in TERMS:
+    for term in spec.TERMS:
         if term.degree <= config.sh_degree:
-            pairs = zip(term.polynomials, term.doubled, strict=True)
-            scaled = [POLYNOMIAL.round(np.ldexp(values[name], double)) for name, double in pairs]
-            found.append(np.ldexp(np.stack(scaled, axis=1), POLYNOMIAL.fraction).astype(np.int64))
+            own = np.stack([values[name] for name in term.polynomials], axis=1)
+            scaled = spec.POLYNOMIAL.round(np.ldexp(own, term.doubled))
+            found.append(np.ldexp(scaled, spec.POLYNOMIAL.fraction).astype(np.int64))
     return found
 
 
@@ -68,18 +57,18 @@ def add_term(total: np.ndarray, sums: np.ndarray, factor, shift):
     factor, shift: [M], or one number for all
     """
     factor, shift = (np.broadcast_to(x, len(sums))[:, None] for x in (factor, shift))
-    total += (sums * factor << GAIN) >> shift
+    total += (sums * factor << spec.GAIN) >> shift
 
 
 def from_steps(model: PackedModel, factors: list[np.ndarray], index: np.ndarray) -> np.ndarray:
     """Return the totals [M, 3] of Gaussians `index` [M] of a model in steps."""
     of, exponent = index // CHUNK, np.array(model.exponents)
     s = model.chunks["step"][of].astype(np.int64)  # [M, 4]
-    factor, shift = 4 - (s & 1), GAIN - exponent + (s >> 1)
-    base = [BASE.decode(model.attributes[c][index]).astype(np.int64) for c in CHANNELS]
-    total = np.full((len(index), 3), 1 << TOTAL_FRACTION - 1)
+    factor, shift = 4 - (s & 1), spec.GAIN - exponent + (s >> 1)
+    base = [spec.BASE.decode(model.attributes[c][index]).astype(np.int64) for c in spec.CHANNELS]
+    total = np.full((len(index), 3), 1 << spec.TOTAL_FRACTION - 1)
     add_term(total, 2 * np.stack(base, axis=1) * ONE, factor[:, 0], shift[:, 0])
-    for number, layout in enumerate(LAYOUTS):
+    for number, layout in enumerate(spec.LAYOUTS):
         chosen = np.flatnonzero(model.chunks["harmonics"][of] == number)
         codes, own = model.harmonics(index[chosen], layout)
         part = total[chosen]
@@ -96,12 +85,12 @@ def from_steps(model: PackedModel, factors: list[np.ndarray], index: np.ndarray)
 def from_codebooks(model: PackedModel, factors: list[np.ndarray], index: np.ndarray) -> np.ndarray:
     """Return the totals [M, 3] of Gaussians `index` [M] of a compact model."""
     total = np.zeros((len(index), 3), np.int64)
-    shift = GAIN - np.array(model.exponents)
+    shift = spec.GAIN - np.array(model.exponents)
     add_term(total, 2 * codebook_sums(model, "colour", index) * ONE, 4, shift[0])
     if model.format.sh_degree:
         g = codebook_sums(model, "sh", index).reshape(-1, 3, 3)  # channel × axis
         axes = factors[0][:, None, [2, 0, 1]]  # x, y, z of y, z, x
-        for part, finer in ((g & (1 << LOW) - 1, 0), (g >> LOW, LOW)):
+        for part, finer in ((g & (1 << spec.LOW) - 1, 0), (g >> spec.LOW, spec.LOW)):
             add_term(total, (part * axes).sum(2), 4, shift[1] - 1 - finer)
     return total
 

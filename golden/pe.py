@@ -16,24 +16,15 @@ ONES = 2.0**PLACES  # its sum with a smaller number is a whole number
 
 
 class Rounding(NamedTuple):
-    """Parameters of rounding to a `Float`.
+    """Parameters of rounding to a `Float`."""
 
-    cut: bits of float64's fraction to drop
-    lowest: smallest normal value
-    unit: step of values below `lowest`
-    largest: largest finite value
-    most: result for values above `largest`
-    signed: the format has a sign
-    zero_sign: −0 keeps its sign
-    """
-
-    cut: int
-    lowest: float
-    unit: float
-    largest: float
-    most: float
+    cut: int  # bits of float64's fraction to drop
+    lowest: float  # smallest normal value
+    unit: float  # step of values below `lowest`
+    largest: float  # largest finite value
+    most: float  # result for values above `largest`
     signed: bool
-    zero_sign: bool  # −0 stays
+    zero_sign: bool  # −0 keeps its sign
 
 
 def rounding(format: Float) -> Rounding:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.reference_tiles import TileLists, bin_splats, count_rows, rasterize
+from splatcore.golden.reference_tiles import WORK, TileLists, bin_splats, count_rows, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
 from splatcore.spec.scene import Gaussians
@@ -58,15 +58,12 @@ class Splats:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A rendered frame.
-
-    counts: amounts of work by name, see `docs/json.md`
-    """
+    """A rendered frame."""
 
     image: np.ndarray  # [H, W, 3] linear RGB, not clipped
     transmittance: np.ndarray  # [H, W] weight of the background
     tile_list: np.ndarray  # [⌈H/16⌉, ⌈W/16⌉] splats in each tile's list
-    counts: dict[str, int | float]
+    counts: dict[str, int | float]  # amounts of work by name, see `docs/json.md`
 
     @property
     def pixels(self) -> np.ndarray:
@@ -90,23 +87,23 @@ def render(
     """
     splats, counts = project(gaussians, camera, convention)
     lists = tile_lists(splats, camera, convention)
-    image, transmittance, work = rasterize(
-        lists, splats, camera.width, camera.height, convention, progress
-    )
+    found = rasterize(lists, splats, camera.width, camera.height, convention, progress)
+    work = {name: int(found.work[name].sum()) for name in WORK.names}
     lengths = np.diff(lists.start)
     counts |= {
         "pairs": int(lengths.sum()),
-        "pairs_after_termination": int(work[0]),
-        "blocks": int(work[1]),
-        "contributions": int(work[2]),
+        "pairs_after_termination": work["pairs"],
+        "blocks": work["blocks"],
+        "contributions": work["contributions"],
         "tile_rows": count_rows(splats.centre, splats.extent, camera.width, camera.height),
         "tile_list_mean": float(lengths.mean()),
         "tile_list_p99": float(np.percentile(lengths, 99)),
         "tile_list_max": int(lengths.max()),
-        "pixels_ended": int(work[3]),
+        "pixels_ended": work["ended"],
     }
-    image += transmittance[..., None] * np.asarray(convention.background, np.float64)
-    return Frame(image, transmittance, lengths.reshape(tile_grid(camera)), counts)
+    image, through = found.image, found.transmittance
+    image += through[..., None] * np.asarray(convention.background, np.float64)
+    return Frame(image, through, lengths.reshape(tile_grid(camera)), counts)
 
 
 def tile_grid(camera: Camera) -> tuple[int, int]:
@@ -268,4 +265,4 @@ def tile_lists(splats: Splats, camera: Camera, convention: Convention) -> TileLi
     """Return each tile's list of the splats whose footprint touches it; splats in depth order."""
     exact, size = convention.footprint == "exact", (camera.width, camera.height)
     boxes = pixel_boxes(splats, camera) // TILE if exact else square_boxes(splats, camera)
-    return bin_splats(splats.centre, splats.conic, splats.reach, boxes, *size, exact)
+    return bin_splats(splats, boxes, *size, exact)

@@ -4,49 +4,88 @@ Compiled by numba, parallel over tiles. One thread computes a tile in a fixed or
 does not depend on the number of threads.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
-from splatcore.spec.convention import BLOCK, TILE
+from splatcore.spec.convention import BLOCK, TILE, Convention, Faint
 
 SLACK = 1e-9
 """Relative widening of a box or a reach before the exact comparison decides."""
 
 
-@dataclass(frozen=True, eq=False)
-class TileLists:
+WORK = np.dtype([(name, np.int64) for name in ("pairs", "blocks", "contributions", "ended")])
+"""Counts of blending.
+
+pairs: pairs met before all pixels of their tile had ended
+blocks: 4×4 blocks in which a live pixel had alpha ≥ alpha_min, by pair
+contributions: blended pixels, by pair
+ended: pixels that ended
+"""
+
+
+class TileLists(NamedTuple):
     """Depth-ordered splat lists of all tiles, row by row, one after the other."""
 
     start: np.ndarray  # [tiles + 1] first pair of each tile in `splat`
     splat: np.ndarray  # [pairs] indices into the splats, front to back
 
 
-def bin_splats(centre, conic, reach, boxes, width, height, exact) -> TileLists:
+class Outlines(NamedTuple):
+    """The arrays of `golden.reference.Splats` that binning reads."""
+
+    centre: np.ndarray
+    conic: np.ndarray
+    reach: np.ndarray
+
+
+class Ellipses(NamedTuple):
+    """The arrays of `golden.reference.Splats` that blending reads."""
+
+    centre: np.ndarray
+    conic: np.ndarray
+    opacity: np.ndarray
+    reach: np.ndarray
+    extent: np.ndarray
+    colour: np.ndarray
+
+
+class Limits(NamedTuple):
+    """A convention's thresholds. takes_all: a pixel's last splat takes all of T."""
+
+    alpha_min: float
+    alpha_max: float
+    dark: float  # as in `Faint`; 0 without a rule
+    taken: float
+    ends: float
+    takes_all: bool
+
+
+def bin_splats(splats, boxes, width: int, height: int, exact: bool) -> TileLists:
     """Return lists of the tiles in `boxes` [M, 4]; if `exact`, only of tiles really reached."""
-    columns, rows = -(-width // TILE), -(-height // TILE)
-    lengths = np.zeros(columns * rows, np.int64)
-    _visit_tiles(centre, conic, reach, boxes, columns, width, height, exact, lengths, lengths[:0])
+    about = Outlines(splats.centre, splats.conic, splats.reach), boxes, width, height, exact
+    lengths = np.zeros(-(-width // TILE) * -(-height // TILE), np.int64)
+    _visit_tiles(*about, lengths, np.empty(0, np.int32))
     start = np.concatenate([[0], np.cumsum(lengths)])
     splat = np.empty(start[-1], np.int32)
-    _visit_tiles(
-        centre, conic, reach, boxes, columns, width, height, exact, start[:-1].copy(), splat
-    )
+    _visit_tiles(*about, start[:-1].copy(), splat)
     return TileLists(start, splat)
 
 
 @njit(cache=True)
-def _visit_tiles(centre, conic, reach, boxes, columns, width, height, exact, slot, splat):
+def _visit_tiles(splats, boxes, width, height, exact, slot, splat):
     """Count pairs per tile in `slot` (if `splat` is empty), else write them from `slot` on."""
+    columns = -(-width // TILE)
     for m in range(len(boxes)):
+        u, v = splats.centre[m]
         for row in range(boxes[m, 2], boxes[m, 3] + 1):
-            y0 = row * TILE - centre[m, 1]
-            y1 = min(row * TILE + TILE, height) - 1 - centre[m, 1]
+            y0 = row * TILE - v
+            y1 = min(row * TILE + TILE, height) - 1 - v
             for column in range(boxes[m, 0], boxes[m, 1] + 1):
-                x0 = column * TILE - centre[m, 0]
-                x1 = min(column * TILE + TILE, width) - 1 - centre[m, 0]
-                if exact and smallest_q(conic[m], x0, x1, y0, y1) > reach[m]:
+                x0 = column * TILE - u
+                x1 = min(column * TILE + TILE, width) - 1 - u
+                if exact and smallest_q(splats.conic[m], x0, x1, y0, y1) > splats.reach[m]:
                     continue
                 tile = row * columns + column
                 if len(splat):
@@ -81,28 +120,30 @@ def count_rows(centre, extent, width, height) -> int:
     return int(np.maximum(high - low + 1, 0).sum())
 
 
-def rasterize(lists, splats, width, height, convention, progress=None):
-    """Blend all tiles.
+class Blended(NamedTuple):
+    """The result of blending all tiles."""
 
-    Returns image [H, W, 3], transmittance [H, W] and the counts of work [4]: pairs met before all
-    pixels of their tile had ended; 4×4 blocks in which a live pixel had alpha ≥ alpha_min;
-    contributions; pixels that ended.
-    """
+    image: np.ndarray  # [H, W, 3]
+    transmittance: np.ndarray  # [H, W]
+    work: np.ndarray  # [tiles] of `WORK`
+
+
+def rasterize(
+    lists: TileLists, splats, width: int, height: int, convention: Convention, progress=None
+) -> Blended:
+    """Blend all tiles."""
     columns, rows = -(-width // TILE), -(-height // TILE)
-    image, transmittance = np.zeros((height, width, 3)), np.ones((height, width))
-    work = np.zeros((columns * rows, 4), np.int64)
-    from_, below, ends = convention.faint or (0.0, 0.0, convention.transmittance_min)
-    limits = np.array([convention.alpha_min, convention.alpha_max, from_, below, ends])
+    work = np.zeros(columns * rows, WORK)
+    found = Blended(np.zeros((height, width, 3)), np.ones((height, width)), work)
+    rule = convention.faint or Faint(0.0, 0.0, convention.transmittance_min)
     takes_all = convention.faint is not None
+    limits = Limits(convention.alpha_min, convention.alpha_max, *rule, takes_all)
+    ellipses = Ellipses(*(getattr(splats, name) for name in Ellipses._fields))
     for row in range(rows):
-        _blend_tile_row(
-            row, columns, lists.start, lists.splat, splats.centre,
-            splats.conic, splats.opacity, splats.reach, splats.extent, splats.colour, limits,
-            takes_all, image, transmittance, work,
-        )  # fmt: skip
+        _blend_tile_row(row, columns, lists, ellipses, limits, found)
         if progress:
             progress((row + 1) * columns, rows * columns)
-    return image, transmittance, work.sum(0)
+    return found
 
 
 @njit(cache=True)
@@ -112,59 +153,60 @@ def pixels(low, high, first, end):
 
 
 @njit(parallel=True, cache=True)
-def _blend_tile_row(
-    row, columns, start, splat, centre, conic, opacity, reach, extent, colour, limits,
-    takes_all, image, transmittance, work,
-):  # fmt: skip
-    alpha_min, alpha_max, from_, below, ends = limits
-    height, width = transmittance.shape
+def _blend_tile_row(row, columns, lists, splats, limits, found):
     for column in prange(columns):
-        tile = row * columns + column
-        left, top = column * TILE, row * TILE
-        right, bottom = min(left + TILE, width), min(top + TILE, height)
-        live = np.ones((TILE, TILE), np.bool_)
-        alive = (right - left) * (bottom - top)
-        for pair in range(start[tile], start[tile + 1]):
-            if alive == 0:
-                break
-            work[tile, 0] += 1
-            m = splat[pair]
-            u, v = centre[m]
-            a, b, c = conic[m]
-            red, green, blue = colour[m]
-            wide, high = extent[m] * (1 + SLACK) + SLACK
-            limit = reach[m] * (1 + SLACK) + SLACK
-            blocks = 0
-            for y in pixels(v - high, v + high, top, bottom):
-                dy = y - v
-                for x in pixels(u - wide, u + wide, left, right):
-                    if not live[y - top, x - left]:
+        _blend_tile(row * columns + column, row * TILE, column * TILE, lists, splats, limits, found)
+
+
+@njit(cache=True)
+def _blend_tile(tile, top, left, lists, splats, limits, found):
+    """Blend a tile's splats into the image, from (left, top) on."""
+    image, transmittance, work = found.image, found.transmittance, found.work[tile]
+    height, width = transmittance.shape
+    right, bottom = min(left + TILE, width), min(top + TILE, height)
+    live = np.ones((TILE, TILE), np.bool_)
+    alive = (right - left) * (bottom - top)
+    for pair in range(lists.start[tile], lists.start[tile + 1]):
+        if alive == 0:
+            break
+        work.pairs += 1
+        m = lists.splat[pair]
+        u, v = splats.centre[m]
+        a, b, c = splats.conic[m]
+        red, green, blue = splats.colour[m]
+        wide, high = splats.extent[m] * (1 + SLACK) + SLACK
+        limit = splats.reach[m] * (1 + SLACK) + SLACK
+        blocks = 0
+        for y in pixels(v - high, v + high, top, bottom):
+            dy = y - v
+            for x in pixels(u - wide, u + wide, left, right):
+                if not live[y - top, x - left]:
+                    continue
+                dx = x - u
+                q = a * dx * dx + 2 * b * dx * dy + c * dy * dy
+                if q > limit:
+                    continue
+                alpha = min(limits.alpha_max, splats.opacity[m] * np.exp(-0.5 * q))
+                if alpha < limits.alpha_min:
+                    continue
+                t = transmittance[y, x]
+                if t < limits.dark and t * alpha < limits.taken:
+                    continue
+                blocks |= 1 << ((y - top) // BLOCK * (TILE // BLOCK) + (x - left) // BLOCK)
+                rest = t * (1 - alpha)
+                if rest < limits.ends:
+                    live[y - top, x - left] = False
+                    alive -= 1
+                    work.ended += 1
+                    if not limits.takes_all:
                         continue
-                    dx = x - u
-                    q = a * dx * dx + 2 * b * dx * dy + c * dy * dy
-                    if q > limit:
-                        continue
-                    alpha = min(alpha_max, opacity[m] * np.exp(-0.5 * q))
-                    if alpha < alpha_min:
-                        continue
-                    t = transmittance[y, x]
-                    if t < from_ and t * alpha < below:
-                        continue
-                    blocks |= 1 << ((y - top) // BLOCK * (TILE // BLOCK) + (x - left) // BLOCK)
-                    rest = t * (1 - alpha)
-                    if rest < ends:
-                        live[y - top, x - left] = False
-                        alive -= 1
-                        work[tile, 3] += 1
-                        if not takes_all:
-                            continue
-                        rest = 0.0
-                    weight = t * alpha if rest else t
-                    image[y, x, 0] += weight * red
-                    image[y, x, 1] += weight * green
-                    image[y, x, 2] += weight * blue
-                    transmittance[y, x] = rest
-                    work[tile, 2] += 1
-            while blocks:
-                blocks &= blocks - 1
-                work[tile, 1] += 1
+                    rest = 0.0
+                weight = t * alpha if rest else t
+                image[y, x, 0] += weight * red
+                image[y, x, 1] += weight * green
+                image[y, x, 2] += weight * blue
+                transmittance[y, x] = rest
+                work.contributions += 1
+        while blocks:
+            blocks &= blocks - 1
+            work.blocks += 1

@@ -1,5 +1,7 @@
 """Golden model of stage 3's first steps: E = log2(alpha) around a tile, in integers."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -20,8 +22,7 @@ TILE_STEPS, HALF_TILE = TILE << POSITION_FRACTION, (TILE - 1) << POSITION_FRACTI
 
 
 def prepare(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
-    """Prepare splats: codes [N] of `feature_record` to numbers of `prepared_record`, int64 [N,
-    fields].
+    """Prepare splats: codes [N] of `feature_record` to the fields [N] of `prepared_record`, int64.
 
     Shifts are true shifts here; the record holds them minus `SHIFT_MIN`.
     """
@@ -53,8 +54,11 @@ def _prepared(config: Config, features: dict[str, np.ndarray]) -> np.ndarray:
     values["opacity"] = codes["opacity"]
     for name in CHANNELS:
         values[name] = whole_colours(config, codes[name], np.where)
-    names = [name for name, _ in raster.prepared_record(config).fields]
-    return np.stack([values[name].astype(np.int64) for name in names], axis=1)
+    fields = [(name, np.int64) for name, _ in raster.prepared_record(config).fields]
+    found = np.zeros(len(codes["u"]), fields)
+    for name, _ in fields:
+        found[name] = values[name]
+    return found
 
 
 def curvature(config: Config, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -94,37 +98,42 @@ def outside(value, integer, fraction):
     return not -limit <= value < limit
 
 
-@njit(cache=True)
-def quadratic(splat, column, row, fraction, coefficients):
-    """Compute E's coefficients around the tile at (column, row) of the image.
+class Quadratic(NamedTuple):
+    """E's coefficients around a point, integers: `spec.raster.quadratic_record`."""
 
-    splat: a row of `prepare`
+    e: int
+    gx: int
+    gy: int
+    cxx: int
+    cxy: int
+    cyy: int
+
+
+@njit(cache=True)
+def quadratic(splat, column, row, fraction):
+    """Return E around the tile at (column, row) of the image, and whether the splat is near it.
+
+    splat: one of `prepare`
     fraction: `Config.exponent_fraction`
-    coefficients: [6] written: e, gx, gy, cxx, cxy, cyy
-    Returns False if the tile is too far away.
     """
-    u, v, scale, across, along, k, m, across_shift, along_shift, lean_shift, shear, slope = splat[
-        :12
-    ]
-    dx = (column * TILE_STEPS + HALF_TILE >> scale) - u
-    dy = (row * TILE_STEPS + HALF_TILE >> scale) - v
-    lean = shift(shear * dy, lean_shift)
+    dx = (column * TILE_STEPS + HALF_TILE >> splat.scale) - splat.u
+    dy = (row * TILE_STEPS + HALF_TILE >> splat.scale) - splat.v
+    lean = shift(splat.shear * dy, splat.lean_shift)
     guard = fraction - POSITION_FRACTION
-    if outside(lean, raster.LEAN_INTEGER, fraction):
-        return False
-    t = shift((dx << guard) - lean, across_shift)
-    d = shift(dy << guard, along_shift)
-    if outside(t, raster.LENGTH_INTEGER, fraction) or outside(d, raster.LENGTH_INTEGER, fraction):
-        return False
-    slope_t, slope_d = across * t >> raster.FACTOR_FRACTION, along * d >> raster.FACTOR_FRACTION
-    e = -(splat[15] << (fraction - OPACITY_FRACTION))
+    t = shift((dx << guard) - lean, splat.across_shift)
+    d = shift(dy << guard, splat.along_shift)
+    slope_t = splat.across * t >> raster.FACTOR_FRACTION
+    slope_d = splat.along * d >> raster.FACTOR_FRACTION
+    e = -(splat.opacity << (fraction - OPACITY_FRACTION))
     e -= (slope_t * t >> fraction) + (slope_d * d >> fraction)
-    gx = -shift(slope_t, k - 1)
-    gy = 2 * (slope * slope_t >> SLOPE_FRACTION) - shift(slope_d, m - 1)
-    coefficients[0], coefficients[1], coefficients[2] = e, gx, gy
-    coefficients[3:6] = splat[12:15]
-    return not (
-        outside(e, raster.EXPONENT_INTEGER, fraction)
+    gx = -shift(slope_t, splat.k - 1)
+    gy = 2 * (splat.slope * slope_t >> SLOPE_FRACTION) - shift(slope_d, splat.m - 1)
+    far = (
+        outside(lean, raster.LEAN_INTEGER, fraction)
+        or outside(t, raster.LENGTH_INTEGER, fraction)
+        or outside(d, raster.LENGTH_INTEGER, fraction)
+        or outside(e, raster.EXPONENT_INTEGER, fraction)
         or outside(gx, raster.GRADIENT_INTEGER, fraction)
         or outside(gy, raster.GRADIENT_INTEGER, fraction)
     )
+    return Quadratic(e, gx, gy, splat.cxx, splat.cxy, splat.cyy), not far

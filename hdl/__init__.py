@@ -4,8 +4,9 @@ The path of a Gaussian from memory to pixel: `points` reads it and projects it t
 adds the splat to the lists of the tiles it touches, `sorting` sorts each list by depth, `raster`
 blends the splats.
 
-The docstring of a component lists its ports under `Members`: direction and contents. A port without
-a width has one bit. `Internal` lists signals and parts that proofs and tests read.
+The constructor of a component lists its ports, each with its direction, shape and meaning; ports
+that only some machines have come last. `Internal` in a docstring lists signals and parts that
+proofs and tests read.
 
 May import: spec, hdl.arithmetic, hdl.binning, hdl.lib, hdl.memory, hdl.points, hdl.raster,
 hdl.sorting.

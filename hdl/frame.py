@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from splatcore.hdl.lib.record import AREA, ERROR, frame_layout
 from splatcore.hdl.memory.axi import CLIENT_ERROR, HALVES, STRAY
 from splatcore.hdl.memory.window import area_windows
-from splatcore.hdl.raster.render import READING, WRITING, job_layout
+from splatcore.hdl.raster.job import READING, WRITING, job_layout
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import Config
 from splatcore.spec.raster import COLOURS
@@ -23,30 +23,6 @@ class Frame(wiring.Component):
     in the same cycle as an error of its half, the frame is aborted; in the same cycle as ABORT, it
     counts as complete.
 
-    Members:
-        frame: in, the host's frame registers
-        start, abort: in, the host's commands
-        ready: out, bit READY of STATUS: START is accepted
-        working: out, one bit per half: the half is busy (bits of STATUS)
-        ready_event: out, `ready` has risen
-        frame_event: out, a frame is complete
-        error: out, `ERROR`, an error of a frame or of the bus, at most one per cycle
-        gives_up: out, one bit per half: an error aborts its frame in this cycle, reported or not
-        started, finished: out, 16 bits, number of frames started and finished
-        begin: out, one bit per half: the half starts
-        done: in, one bit per half: the half has finished its frame
-        taken: out, the first half's work area has been handed over
-        fails: in, `ERROR`, an error of the first half
-        area: out, `AREA`, work area of the first half, in beats
-        job: out, `job_layout`, parameters of the second half
-        read_error, write_error: in, `CLIENT_ERROR`, from the bus
-        stray: in, `STRAY`, from the bus; fails no half
-        idle: in, one bit per half: it has nothing in flight on the bus
-        favoured: out, one bit per half: it took longer for the last frame, so its writers come
-            first
-        failing: out, one bit per half: it may begin nothing more
-        reset: out, one bit per half: resets it
-
     **Timing**: two cycles from the end of one half to the start of the other.
     """
 
@@ -54,30 +30,32 @@ class Frame(wiring.Component):
         self.config = config
         halves = len(HALVES)
         ports = {
-            "frame": In(frame_layout(config)),
-            "start": In(1),
-            "abort": In(1),
-            "ready": Out(1),
-            "working": Out(halves),
-            "ready_event": Out(1),
-            "frame_event": Out(1),
-            "error": Out(ERROR),
+            "frame": In(frame_layout(config)),  # the host's frame registers
+            "start": In(1),  # the host's commands
+            "abort": In(1),  # the host's commands
+            "ready": Out(1),  # bit READY of STATUS: START is accepted
+            "working": Out(halves),  # one bit per half: the half is busy (bits of STATUS)
+            "ready_event": Out(1),  # `ready` has risen
+            "frame_event": Out(1),  # a frame is complete
+            "error": Out(ERROR),  # an error of a frame or of the bus, at most one per cycle
+            # one bit per half: an error aborts its frame in this cycle, reported or not
             "gives_up": Out(halves),
-            "started": Out(FRAME_BITS),
-            "finished": Out(FRAME_BITS),
-            "begin": Out(halves),
-            "done": In(halves),
-            "taken": Out(1),
-            "fails": In(ERROR),
-            "area": Out(AREA),
-            "job": Out(job_layout(config)),
-            "read_error": In(CLIENT_ERROR),
-            "write_error": In(CLIENT_ERROR),
-            "stray": In(STRAY),
-            "idle": In(halves),
+            "started": Out(FRAME_BITS),  # number of frames started
+            "finished": Out(FRAME_BITS),  # number of frames finished
+            "begin": Out(halves),  # one bit per half: the half starts
+            "done": In(halves),  # one bit per half: the half has finished its frame
+            "taken": Out(1),  # the first half's work area has been handed over
+            "fails": In(ERROR),  # an error of the first half
+            "area": Out(AREA),  # work area of the first half, in beats
+            "job": Out(job_layout(config)),  # parameters of the second half
+            "read_error": In(CLIENT_ERROR),  # from the bus
+            "write_error": In(CLIENT_ERROR),  # from the bus
+            "stray": In(STRAY),  # from the bus; fails no half
+            "idle": In(halves),  # one bit per half: it has nothing in flight on the bus
+            # one bit per half: it took longer for the last frame, so its writers come first
             "favoured": Out(halves),
-            "failing": Out(halves),
-            "reset": Out(halves),
+            "failing": Out(halves),  # one bit per half: it may begin nothing more
+            "reset": Out(halves),  # one bit per half: resets it
         }
         super().__init__(ports)
         self.handing = Signal()

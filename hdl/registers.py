@@ -32,21 +32,6 @@ class Registers(wiring.Component):
     START while READY is low is answered by OKAY, starts nothing and is an error; together with
     ABORT it is ignored.
 
-    Members:
-        s_axi: in, AXI4-Lite slave
-        interrupt: out, an enabled event of INTERRUPT has occurred
-        frame: out, `frame_layout`, the frame registers
-        locked: in, the frame registers cannot be written
-        start, abort: out, the host's command, for one cycle; READY may stay high in this cycle and
-            the next one, not longer
-        status: in, the bits of STATUS
-        ready_event, frame_event: in, high for one cycle: sets the bit of INTERRUPT
-        error: in, `hdl.lib.record.ERROR`, valid for one cycle: goes to register ERROR unless that
-            holds an error
-        gives_up: in, one bit per half, set in register ERROR in any case
-        started, finished, needed: in, values of these registers
-        counters: in, counts by stage and name
-
     **Timing**: a write is done in the cycle after its address and data have come; a read is
     answered two cycles after its address; one write and one read every two cycles. No path from an
     input of the port to an output of it. No multiplier.
@@ -58,21 +43,26 @@ class Registers(wiring.Component):
         self.address = {register.name: address for address, register in self.map.items()}
         stages = {stage: counters_layout(names) for stage, names in counters(config).items()}
         ports = {
-            "s_axi": In(axi_lite()),
-            "interrupt": Out(1),
-            "frame": Out(frame_layout(config)),
-            "locked": In(1),
+            "s_axi": In(axi_lite()),  # AXI4-Lite slave
+            "interrupt": Out(1),  # an enabled event of INTERRUPT has occurred
+            "frame": Out(frame_layout(config)),  # the frame registers
+            "locked": In(1),  # the frame registers cannot be written
+            # the host's command, for one cycle; READY may stay high in this cycle and the next one,
+            # not longer
             "start": Out(1),
             "abort": Out(1),
-            "status": In(self.map[self.address["STATUS"]].width),
-            "ready_event": In(1),
-            "frame_event": In(1),
+            "status": In(self.map[self.address["STATUS"]].width),  # the bits of STATUS
+            "ready_event": In(1),  # high for one cycle: sets the bit of INTERRUPT
+            "frame_event": In(1),  # high for one cycle: sets the bit of INTERRUPT
+            # `hdl.lib.record.ERROR`, valid for one cycle: goes to register ERROR unless that holds
+            # an error
             "error": In(ERROR_EVENT),
+            # one bit per half, set in register ERROR in any case
             "gives_up": In(registers.HALVES_BITS),
-            "started": In(self.map[self.address["STARTED"]].width),
-            "finished": In(self.map[self.address["FINISHED"]].width),
-            "needed": In(PAGE_BITS),
-            "counters": In(data.StructLayout(stages)),
+            "started": In(self.map[self.address["STARTED"]].width),  # values of these registers
+            "finished": In(self.map[self.address["FINISHED"]].width),  # values of these registers
+            "needed": In(PAGE_BITS),  # values of these registers
+            "counters": In(data.StructLayout(stages)),  # counts by stage and name
         }
         super().__init__(ports)
         # The present write: accepted (`taken`), with all strobes (`whole`), its word and value.

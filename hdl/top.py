@@ -9,7 +9,8 @@ from splatcore.hdl.lib.counters import Counters
 from splatcore.hdl.memory.axi import HALVES, Axi
 from splatcore.hdl.memory.bus import axi, axi_lite
 from splatcore.hdl.points.preprocess import Preprocess
-from splatcore.hdl.raster.render import WRITING, Render
+from splatcore.hdl.raster.job import WRITING
+from splatcore.hdl.raster.render import Render
 from splatcore.hdl.registers import Registers
 from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, window_bits
 from splatcore.spec.config import Config
@@ -19,11 +20,6 @@ from splatcore.spec.counters import HALF, beats
 class Top(wiring.Component):
     """Splatcore: renders packed models in memory to images in memory.
 
-    Members:
-        s_axi: in, AXI4-Lite slave, the registers of `spec.registers`
-        m_axi: out, AXI4 master, memory
-        interrupt: out, an enabled event has occurred
-
     **Timing**: the first half preprocesses a frame while the second renders the previous one; each
     half takes as long as its slowest stage.
     """
@@ -32,7 +28,12 @@ class Top(wiring.Component):
         self.config, self.windows = config, bool(window_bits(config))
         self.registers, self.frame, self.axi = Registers(config), Frame(config), Axi(config)
         self.preprocess, self.render = Preprocess(config), Render(config)
-        super().__init__({"s_axi": In(axi_lite()), "m_axi": Out(axi(config)), "interrupt": Out(1)})
+        ports = {
+            "s_axi": In(axi_lite()),  # the registers of `spec.registers`
+            "m_axi": Out(axi(config)),  # memory
+            "interrupt": Out(1),  # an enabled event has occurred
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

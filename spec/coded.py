@@ -57,15 +57,12 @@ BACK_MAX = 3
 
 @dataclass(frozen=True)
 class Table:
-    """`count` rows of records stored back to back.
-
-    repeats: rows may be copies of others
-    """
+    """`count` rows of records stored back to back."""
 
     name: str
     records: tuple[Record, ...]
     count: int
-    repeats: bool = False
+    repeats: bool = False  # rows may be copies of others
 
     @property
     def widths(self) -> list[int]:

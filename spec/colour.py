@@ -91,16 +91,11 @@ def coefficient_count(degree: int) -> int:
 
 @dataclass(frozen=True)
 class Term:
-    """Up to three polynomials of one degree that are summed in one cycle.
+    """Up to three polynomials of one degree that are summed in one cycle."""
 
-    degree: degree of the harmonics
-    polynomials: names of their values in the program
-    doubled: per polynomial, log2 of the factor that the program leaves out
-    """
-
-    degree: int
-    polynomials: tuple[str, ...]
-    doubled: tuple[int, ...]
+    degree: int  # degree of the harmonics
+    polynomials: tuple[str, ...]  # names of their values in the program
+    doubled: tuple[int, ...]  # per polynomial, log2 of the factor that the program leaves out
 
     @property
     def first(self) -> int:
@@ -121,10 +116,8 @@ TERMS = (
 
 DIRECTION = """
 # the unit vector from the camera
-length0 = ray_x * ray_x
-length1 = ray_y * ray_y + length0
-length2 = ray_z * ray_z + length1
-length_inverse = rsqrt(length2)
+length_squared = ray_x * ray_x + ray_y * ray_y + ray_z * ray_z
+length_inverse = rsqrt(length_squared)
 x = ray_x * length_inverse
 y = ray_y * length_inverse
 z = ray_z * length_inverse
@@ -213,16 +206,11 @@ def from_slopes(slopes: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Harmonics:
-    """Layout of a Gaussian's coefficients in the beats after its first.
+    """Layout of a Gaussian's coefficients in the beats after its first."""
 
-    beats: number of these beats
-    bits: bits of a coefficient, for degree 1, 2, … in turn
-    halves: codes stand for k + ½ steps
-    """
-
-    beats: int
-    bits: tuple[int, ...] = ()
-    halves: bool = False
+    beats: int  # number of these beats
+    bits: tuple[int, ...] = ()  # bits of a coefficient, for degree 1, 2, … in turn
+    halves: bool = False  # codes stand for k + ½ steps
 
     @property
     def degree(self) -> int:

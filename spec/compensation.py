@@ -5,7 +5,7 @@ opacity by f = √(det Σ / det(Σ + blur·I)), Σ its 2D covariance before the 
 opacity what the blur adds in area. With M of the projection (Σ = M·Mᵀ / z²) and, by Lagrange's
 identity, det(M·Mᵀ) = |minors of M|²:
 
-    f² = D / (D + T + B)      D = |minors|² / B,   T = xx2 + yy2 = trace(M·Mᵀ),   B = blur·z²
+    f² = D / (D + T + B)   D = |minors|² / B,  T = sum_xx + sum_yy = trace(M·Mᵀ),  B = blur·z²
 
 D spans hundreds of powers of two but is needed to 1 % only, so sums are computed from logarithms to
 base 2 (`log_format`). Only the minors are differences, of numbers that nearly cancel if a flake is
@@ -52,8 +52,8 @@ right2 = product(mx1, my0)
 minor2 = minor(left2, right2, log_blur)
 minors = log_sum(minor0, minor1)
 determinant = log_sum(minors, minor2)
-log_xx = log(xx2)
-log_yy = log(yy2)
+log_xx = log(sum_xx)
+log_yy = log(sum_yy)
 log_trace = log_sum(log_xx, log_yy)
 more = log_sum(log_trace, log_blur)
 blurred = log_sum(determinant, more)

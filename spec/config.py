@@ -9,6 +9,7 @@ and the values to try.
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+from splatcore.spec.convention import Faint
 from splatcore.spec.energy import ENERGY, Energy
 from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16, FP24, Float
@@ -22,42 +23,32 @@ CLOCK_HZ = 800_000_000
 """Clock frequency of the paper's design; frames per second are given for it."""
 
 
+FAINT = Faint(dark=4, taken=11, ends=8)
+"""DEFAULT's faintness rule, as powers of two (`Config.faint`)."""
+
+
 @dataclass(frozen=True)
 class Size:
-    """Limits of a size.
+    """Limits of a size."""
 
-    low: smallest value
-    high: largest value, if limited
-    power: only powers of two are allowed
-    """
-
-    low: int
-    high: int | None = None
-    power: bool = False
+    low: int  # smallest value
+    high: int | None = None  # largest value, if limited
+    power: bool = False  # only powers of two are allowed
 
 
 @dataclass(frozen=True)
 class Format:
-    """Number of bits of one number of stage 3.
+    """Number of bits of one number of stage 3."""
 
-    limits: minimum and maximum number of bits with which it is built
-    tried: values that a sweep tries in addition to DEFAULT's
-    coarse, fine: values of a machine with all formats narrower, or all wider
-    parts: parts of the hardware that grow with each bit
-    bounds: the width may not exceed the sum of these fields, plus `beyond`
-    in_features: also the width of the stored feature
-    in_work: changes when pixels terminate
-    """
-
-    limits: tuple[int, int]
-    tried: tuple[int, ...]
-    coarse: int
-    fine: int
-    parts: tuple[str, ...] = ("lane",)
-    bounds: tuple[str, ...] = ()
+    limits: tuple[int, int]  # minimum and maximum number of bits with which it is built
+    tried: tuple[int, ...]  # values that a sweep tries in addition to DEFAULT's
+    coarse: int  # value of a machine with all formats narrower
+    fine: int  # value of a machine with all formats wider
+    parts: tuple[str, ...] = ("lane",)  # parts of the hardware that grow with each bit
+    bounds: tuple[str, ...] = ()  # the width may not exceed the sum of these fields, plus `beyond`
     beyond: int = 0
-    in_features: bool = False
-    in_work: bool = False
+    in_features: bool = False  # also the width of the stored feature
+    in_work: bool = False  # changes when pixels terminate
 
 
 def size(default: int, low: int, high: int | None = None, power: bool = False) -> Any:
@@ -98,7 +89,6 @@ class Config:
     arithmetic: Float = FP24  # all numbers except depths
     depth: Float = Float(7, 20, signed=False, subnormal=False)  # depths and keys (`spec.depth`)
     screen_exponent: int = 0  # unit of length on the screen: 2^screen_exponent pixels
-    screen_fraction: int = 5  # not used: `spec.feature.POSITION` is the format of centres
     pe_arrays: int = size(1, 1, 4)  # multiplies `pes`
     pes: int = size(9, 1, 12)  # processing elements of the projection's array
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
@@ -166,8 +156,9 @@ class Config:
     # multiplier blocks and carry chains, which an FPGA has, replace these.
     logic: Literal["gates", "fpga"] = "gates"
     early_termination: bool = True  # a pixel ends when T is below a threshold
-    # Faintness rule (a, b, c): thresholds 2^−a, 2^−b, 2^−c of `spec.raster`. () for 3DGS's rule.
-    faint: tuple[int, ...] = (4, 11, 8)
+    # Faintness rule (`spec.raster`): the thresholds are 2^−dark, 2^−taken, 2^−ends. Three numbers
+    # become a `Faint`; () is 3DGS's rule.
+    faint: Faint | tuple[()] = FAINT
 
     codebook: int = 8 * KB  # bytes of the codebook memory on chip
 
@@ -192,9 +183,9 @@ class Config:
                 raise self._error("faint", "ends pixels, but early_termination is False")
             if len(self.faint) != 3:
                 raise self._error("faint", "has neither three numbers nor none")
-            from_, below, ends = self.faint
-            if not 1 <= from_ <= ends <= below <= self.transmittance:
-                raise self._error("faint", f"is not 1 ≤ a ≤ c ≤ b ≤ {self.transmittance}")
+            object.__setattr__(self, "faint", rule := Faint(*self.faint))
+            if not 1 <= rule.dark <= rule.ends <= rule.taken <= self.transmittance:
+                raise self._error("faint", f"is not 1 ≤ dark ≤ ends ≤ taken ≤ {self.transmittance}")
         for name in ("colour_index", "sh_index"):
             if len(getattr(self, name)) <= min(self.sh_degree, 1):
                 raise self._error(name, f"has no entry for degree {min(self.sh_degree, 1)}")

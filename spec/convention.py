@@ -6,7 +6,7 @@ Radiance Field Rendering" (SIGGRAPH 2023) and its CUDA rasterizer, except for th
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 NEAR_PLANE = 0.2
 """Default of `Camera.near` (scene units)."""
@@ -55,13 +55,20 @@ exact: every pixel with alpha ≥ `alpha_min`
 """
 
 
+class Faint(NamedTuple):
+    """The faintness rule: thresholds of the transmittance T (`spec.raster`)."""
+
+    dark: float  # below it, splats that take too little are skipped
+    taken: float  # a splat that takes less from a pixel below `dark` is skipped, and T stays
+    ends: float  # a splat that would leave less takes all of T, and the pixel ends
+
+
 @dataclass(frozen=True)
 class Convention:
     """Every choice above, for one rendering.
 
     footprint: pixels that a splat may touch
-    faint: (from, below, ends), or None for `transmittance_min`. While T < from, a splat with
-        alpha·T < below is skipped; a splat that would leave T < ends takes all of T: the pixel ends
+    faint: the faintness rule, or None for `transmittance_min`
     background: linear RGB in [0, 1], visible through the final transmittance
     """
 
@@ -70,7 +77,7 @@ class Convention:
     alpha_min: float = ALPHA_MIN
     alpha_max: float = ALPHA_MAX
     transmittance_min: float = TRANSMITTANCE_MIN
-    faint: tuple[float, float, float] | None = None
+    faint: Faint | None = None
     pixel_centre: float = PIXEL_CENTRE
     principal_point_shift: float = PRINCIPAL_POINT_SHIFT
     colour_offset: float = COLOUR_OFFSET

@@ -172,19 +172,13 @@ one SH entry, or several colour entries, the first in the least significant bits
 
 @dataclass(frozen=True)
 class ModelFormat:
-    """Formats of a model's parts: everything except its numbers of Gaussians and beats.
+    """Formats of a model's parts: everything except its numbers of Gaussians and beats."""
 
-    sh_degree: highest degree of its harmonics
-    position: one of `POSITION_FORMATS`
-    colour_index, sh_index: index bits of each codebook stage; empty for models in steps
-    small: attributes take half a beat
-    """
-
-    sh_degree: int
-    position: str
-    colour_index: tuple[int, ...]
-    sh_index: tuple[int, ...]
-    small: bool = False
+    sh_degree: int  # highest degree of its harmonics
+    position: str  # one of `POSITION_FORMATS`
+    colour_index: tuple[int, ...]  # index bits of each codebook stage; empty for models in steps
+    sh_index: tuple[int, ...]  # likewise
+    small: bool = False  # attributes take half a beat
 
     @property
     def codebooks(self) -> bool:

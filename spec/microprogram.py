@@ -5,7 +5,9 @@ each a multiplier followed by an adder, which both round; either can be bypassed
 
     a * b        a * b + c        c - a * b        a + c        c - a
 
-The other steps have units of their own, one of each:
+A sum of several products is a step for each, from the left: `x = a * b + c * d - e * f` computes
+x0 = a * b, x1 = c * d + x0 and x = x1 - e * f. The other steps have units of their own, one of
+each:
 
     reciprocal(a)     1/a
     rsqrt(a)          1/√a
@@ -22,6 +24,7 @@ finer floats of `spec.depth.finer`. A line must stand after the lines that compu
 
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -88,37 +91,47 @@ class Step:
 
 def parse(text: str) -> tuple[Step, ...]:
     """Return the steps of a program; raise ValueError, with the line, for any other syntax."""
-    steps: list[Step] = []
+    steps: dict[str, Step] = {}
     for number, line in enumerate(text.splitlines(), 1):
         line = line.partition("#")[0].strip()
-        if line:
-            steps.append(_parse_line(line, number, {step.name for step in steps}))
-    return tuple(steps)
+        for name, right in _products(line) if line else ():
+            step = _step(name, right)
+            if step is None or name in steps:
+                raise ValueError(f"microprogram line {number}: '{line}'")
+            steps[name] = step
+    return tuple(steps.values())
 
 
-def _parse_line(line: str, number: int, made: set[str]) -> Step:
+def _products(line: str) -> Iterator[tuple[str, str]]:
+    """Yield names and right sides of a line's steps: one for each product of a sum."""
     name, _, right = line.partition(" = ")
+    total, *others = re.split(r" (?=[+-] \w+ \* )", right)
+    if " * " not in total:  # c - a * b
+        total, others = right, []
+    for k, term in enumerate(others):
+        yield f"{name}{k}", total
+        sign, product = term.split(" ", 1)
+        total = f"{product} + {name}{k}" if sign == "+" else f"{name}{k} - {product}"
+    yield name, total
+
+
+def _step(name: str, right: str) -> Step | None:
+    """Return the step of a right side with one operation, or None."""
     for pattern, unit, negate in PATTERNS:
-        match = re.fullmatch(pattern, right)
-        if match:
+        if match := re.fullmatch(pattern, right):
             found = {key: value for key, value in match.groupdict().items() if value}
             step = Step(name, **({"unit": unit} | found), negate=negate)
-            if step.unit not in UNITS or name in made:
-                break
-            return step
-    raise ValueError(f"microprogram line {number}: '{line}'")
+            return step if step.unit in UNITS else None
+    return None
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program's steps and names.
-
-    outputs: names of the values that it returns
-    """
+    """A program's steps and names."""
 
     name: str
     steps: tuple[Step, ...]
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # names of the values that it returns
 
     @property
     def made(self) -> set[str]:

@@ -15,13 +15,10 @@ from splatcore.spec.memory import HEADER, Layout, ModelFormat
 
 @dataclass(frozen=True, eq=False)
 class ModelHeader:
-    """A packed model, or at least its header.
-
-    name: file or scene, for error messages
-    """
+    """A packed model, or at least its header."""
 
     image: np.ndarray  # uint8 [HEADER.size or more]
-    name: str = ""
+    name: str = ""  # file or scene, for error messages
 
     def __post_init__(self):
         """Raise InputError, naming the field, for a header that contradicts itself."""

@@ -17,13 +17,6 @@ from splatcore.spec.colour import (
     step,
     unfolded,
 )
-from splatcore.spec.memory import (
-    CHUNK,
-    CHUNK_HEADER,
-    HEADER,
-    Layout,
-    chunk_count,
-)
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record, unpack_bits
 from splatcore.spec.scene import Gaussians
@@ -37,7 +30,7 @@ def offsets(stored: np.ndarray, octant_end: np.ndarray, bits: int) -> np.ndarray
     octant_end: [C, 7] from the chunk headers
     bits: number of stored bits
     """
-    of, place = np.divmod(np.arange(len(stored)), CHUNK)
+    of, place = np.divmod(np.arange(len(stored)), memory.CHUNK)
     octant = (place[:, None] >= octant_end[of]).sum(1)  # [N]
     top = octant[:, None] >> np.arange(3) & 1
     return (stored.astype(np.int64) | top << bits) << memory.STORED_BITS - bits
@@ -49,7 +42,7 @@ def grid_points(offset: np.ndarray, origin: np.ndarray, shift: np.ndarray) -> np
     offset: [N, 3] from the chunk's origin
     origin, shift: [C, 3] from the chunk headers
     """
-    of = np.arange(len(offset)) // CHUNK
+    of = np.arange(len(offset)) // memory.CHUNK
     return origin[of] + (offset << shift[of].astype(np.int64))
 
 
@@ -78,10 +71,10 @@ class PackedModel(ModelHeader):
             refuse("checksum", "is wrong: the file is damaged")
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> memory.Layout:
         """Byte offsets of the parts."""
-        counts = np.full(len(self.chunk_beats), CHUNK)
-        counts[-1:] -= -len(self) % CHUNK
+        counts = np.full(len(self.chunk_beats), memory.CHUNK)
+        counts[-1:] -= -len(self) % memory.CHUNK
         return self.layout_of(int(counts @ (self.chunk_beats - 1)))
 
     @cached_property
@@ -94,7 +87,7 @@ class PackedModel(ModelHeader):
         """First beat [N] of each Gaussian's attributes, counted from the model's first."""
         if self.format.small:
             return np.arange(len(self)) // 2
-        beats = np.repeat(self.chunk_beats, CHUNK)[: len(self)]
+        beats = np.repeat(self.chunk_beats, memory.CHUNK)[: len(self)]
         return np.cumsum(beats) - beats
 
     def attribute_bursts(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +98,7 @@ class PackedModel(ModelHeader):
         if self.format.small:
             first = np.unique(index // 2)
             return first, np.ones_like(first)
-        return self.beats[index], self.chunk_beats[index // CHUNK]
+        return self.beats[index], self.chunk_beats[index // memory.CHUNK]
 
     def _records(self, record: Record, start: int, count: int) -> dict[str, np.ndarray]:
         """Return the codes of `count` records at byte `start`."""
@@ -115,8 +108,8 @@ class PackedModel(ModelHeader):
     @cached_property
     def chunks(self) -> dict[str, np.ndarray]:
         """Values of the chunk headers: the fields of `spec.memory.CHUNK_HEADER`."""
-        codes = self._records(CHUNK_HEADER, self.layout_of(0).chunks, chunk_count(len(self)))
-        return CHUNK_HEADER.decode(codes)
+        record, count = memory.CHUNK_HEADER, memory.chunk_count(len(self))
+        return record.decode(self._records(record, self.layout_of(0).chunks, count))
 
     @property
     def stored_positions(self) -> np.ndarray:
@@ -200,7 +193,7 @@ class PackedModel(ModelHeader):
         found = [
             np.zeros((len(self), coefficient_count(d), 3)) for d in range(self.format.sh_degree + 1)
         ]
-        of = np.arange(len(self)) // CHUNK
+        of = np.arange(len(self)) // memory.CHUNK
         steps = [step(s, e) for s, e in zip(self.chunks["step"].T, self.exponents, strict=True)]
         base = [BASE.decode(self.attributes[channel]) for channel in CHANNELS]
         found[0][:, 0] = np.stack(base, axis=1) * steps[0][of][:, None]
@@ -263,6 +256,6 @@ class PackedModel(ModelHeader):
 
 def checksum(image: np.ndarray) -> int:
     """Return the CRC-32 of everything except the checksum itself."""
-    place = HEADER.offset("checksum") // 8
+    place = memory.HEADER.offset("checksum") // 8
     start = zlib.crc32(image[:place].tobytes())
-    return zlib.crc32(image[place + HEADER["checksum"].width // 8 :].tobytes(), start)
+    return zlib.crc32(image[place + memory.HEADER["checksum"].width // 8 :].tobytes(), start)

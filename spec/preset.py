@@ -14,6 +14,7 @@ import tomllib
 from collections.abc import Iterable
 from dataclasses import MISSING, fields, is_dataclass, replace
 from pathlib import Path
+from types import UnionType
 from typing import Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -156,10 +157,11 @@ def typed(hint, value, where: str):
         if not isinstance(value, str) or value not in arguments:
             raise InputError(f"{where}: {value!r} is not one of {', '.join(map(str, arguments))}")
         return value
-    if origin is tuple:  # any number of elements of one type
+    if origin in (tuple, UnionType):  # any number of elements of one type; `Faint`'s are integers
         if not isinstance(value, list | tuple):
             raise InputError(f"{where}: {value!r} is not an array")
-        return tuple(typed(arguments[0], item, f"{where}[{k}]") for k, item in enumerate(value))
+        inner = arguments[0] if origin is tuple else int
+        return tuple(typed(inner, item, f"{where}[{k}]") for k, item in enumerate(value))
     if is_dataclass(hint):
         if hint is Float and isinstance(value, str) and value in FLOATS:
             return FLOATS[value]

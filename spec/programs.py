@@ -18,29 +18,17 @@ margin_y = spread_y * chunk_reach
 # bounds of the points' camera coordinates. Each repeats the steps that its points will go through,
 # from the corner of the chunk with the lowest or highest value. As rounding keeps the order of
 # numbers, and the corners are CORNER_STEPS farther out, no point is beyond its chunk's bounds.
-x_low0 = vx0 * x_least0
-x_low1 = vx1 * x_least1 + x_low0
-x_low = vx2 * x_least2 + x_low1
-x_high0 = vx0 * x_most0
-x_high1 = vx1 * x_most1 + x_high0
-x_high = vx2 * x_most2 + x_high1
-y_low0 = vy0 * y_least0
-y_low1 = vy1 * y_least1 + y_low0
-y_low = vy2 * y_least2 + y_low1
-y_high0 = vy0 * y_most0
-y_high1 = vy1 * y_most1 + y_high0
-y_high = vy2 * y_most2 + y_high1
-z_high0 = vz0 * z_most0
-z_high1 = vz1 * z_most1 + z_high0
-z_high = vz2 * z_most2 + z_high1
+x_low = vx0 * x_least0 + vx1 * x_least1 + vx2 * x_least2
+x_high = vx0 * x_most0 + vx1 * x_most1 + vx2 * x_most2
+y_low = vy0 * y_least0 + vy1 * y_least1 + vy2 * y_least2
+y_high = vy0 * y_most0 + vy1 * y_most1 + vy2 * y_most2
+z_high = vz0 * z_most0 + vz1 * z_most1 + vz2 * z_most2
 far_x = z_high * guard_x + margin_x
 far_y = z_high * guard_y + margin_y
 """
 
 CULL = """
-z0 = vz0 * ray_x
-z1 = vz1 * ray_y + z0
-z = vz2 * ray_z + z1
+z = vz0 * ray_x + vz1 * ray_y + vz2 * ray_z
 """
 
 INTERVAL = """
@@ -49,12 +37,8 @@ farthest = z + chunk_reach
 """
 
 PLACE = """
-x0 = vx0 * ray_x
-x1 = vx1 * ray_y + x0
-x = vx2 * ray_z + x1
-y0 = vy0 * ray_x
-y1 = vy1 * ray_y + y0
-y = vy2 * ray_z + y1
+x = vx0 * ray_x + vx1 * ray_y + vx2 * ray_z
+y = vy0 * ray_x + vy1 * ray_y + vy2 * ray_z
 
 # guard band: a point farther out than this cannot touch the image
 bound_x = z * guard_x + margin_x
@@ -82,86 +66,48 @@ jy1 = wy1 - limited_y * wz1
 jy2 = wy2 - limited_y * wz2
 
 # M = J·W·L with L lower triangular
-mx0a = jx0 * l00
-mx0b = jx1 * l10 + mx0a
-mx0 = jx2 * l20 + mx0b
-mx1a = jx1 * l11
-mx1 = jx2 * l21 + mx1a
+mx0 = jx0 * l00 + jx1 * l10 + jx2 * l20
+mx1 = jx1 * l11 + jx2 * l21
 mx2 = jx2 * l22
-my0a = jy0 * l00
-my0b = jy1 * l10 + my0a
-my0 = jy2 * l20 + my0b
-my1a = jy1 * l11
-my1 = jy2 * l21 + my1a
+my0 = jy0 * l00 + jy1 * l10 + jy2 * l20
+my1 = jy1 * l11 + jy2 * l21
 my2 = jy2 * l22
 """
 
 MOMENTS = """
 # covariance: M·Mᵀ / z² + blur
-xx0 = mx0 * mx0
-xx1 = mx1 * mx1 + xx0
-xx2 = mx2 * mx2 + xx1
-xy0 = mx0 * my0
-xy1 = mx1 * my1 + xy0
-xy2 = mx2 * my2 + xy1
-yy0 = my0 * my0
-yy1 = my1 * my1 + yy0
-yy2 = my2 * my2 + yy1
+sum_xx = mx0 * mx0 + mx1 * mx1 + mx2 * mx2
+sum_xy = mx0 * my0 + mx1 * my1 + mx2 * my2
+sum_yy = my0 * my0 + my1 * my1 + my2 * my2
 scale = z_inverse * z_inverse
-xx = xx2 * scale + blur
-xy = xy2 * scale
-yy = yy2 * scale + blur
+xx = sum_xx * scale + blur
+xy = sum_xy * scale
+yy = sum_yy * scale + blur
 """
 
 DENSE = """
 # J·W without its factor 1/z, zeros of J included
-jx0a = one * wx0
-jx0b = zero * wy0 + jx0a
-jx0 = jx0b - limited_x * wz0
-jx1a = one * wx1
-jx1b = zero * wy1 + jx1a
-jx1 = jx1b - limited_x * wz1
-jx2a = one * wx2
-jx2b = zero * wy2 + jx2a
-jx2 = jx2b - limited_x * wz2
-jy0a = one * wy0
-jy0b = zero * wx0 + jy0a
-jy0 = jy0b - limited_y * wz0
-jy1a = one * wy1
-jy1b = zero * wx1 + jy1a
-jy1 = jy1b - limited_y * wz1
-jy2a = one * wy2
-jy2b = zero * wx2 + jy2a
-jy2 = jy2b - limited_y * wz2
+jx0 = one * wx0 + zero * wy0 - limited_x * wz0
+jx1 = one * wx1 + zero * wy1 - limited_x * wz1
+jx2 = one * wx2 + zero * wy2 - limited_x * wz2
+jy0 = one * wy0 + zero * wx0 - limited_y * wz0
+jy1 = one * wy1 + zero * wx1 - limited_y * wz1
+jy2 = one * wy2 + zero * wx2 - limited_y * wz2
 
 # M = J·W·L, zeros of L included
-mx0a = jx0 * l00
-mx0b = jx1 * l10 + mx0a
-mx0 = jx2 * l20 + mx0b
-mx1a = jx0 * zero
-mx1b = jx1 * l11 + mx1a
-mx1 = jx2 * l21 + mx1b
-mx2a = jx0 * zero
-mx2b = jx1 * zero + mx2a
-mx2 = jx2 * l22 + mx2b
-my0a = jy0 * l00
-my0b = jy1 * l10 + my0a
-my0 = jy2 * l20 + my0b
-my1a = jy0 * zero
-my1b = jy1 * l11 + my1a
-my1 = jy2 * l21 + my1b
-my2a = jy0 * zero
-my2b = jy1 * zero + my2a
-my2 = jy2 * l22 + my2b
+mx0 = jx0 * l00 + jx1 * l10 + jx2 * l20
+mx1 = jx0 * zero + jx1 * l11 + jx2 * l21
+mx2 = jx0 * zero + jx1 * zero + jx2 * l22
+my0 = jy0 * l00 + jy1 * l10 + jy2 * l20
+my1 = jy0 * zero + jy1 * l11 + jy2 * l21
+my2 = jy0 * zero + jy1 * zero + jy2 * l22
 
 """
 
 TRANSPOSED = """
 # the covariance's other equal element
-yx0 = my0 * mx0
-yx1 = my1 * mx1 + yx0
-yx2 = my2 * mx2 + yx1
-yx = yx2 * scale
+sum_yx = my0 * mx0 + my1 * mx1 + my2 * mx2
+yx = sum_yx * scale
 """
 
 FACTORS = """
@@ -231,24 +177,16 @@ the outline or the square by which binning finds its tiles."""
 
 COLOUR = """
 # length of the ray from the camera
-length0 = ray_x * ray_x
-length1 = ray_y * ray_y + length0
-length2 = ray_z * ray_z + length1
-length_inverse = rsqrt(length2)
+length_squared = ray_x * ray_x + ray_y * ray_y + ray_z * ray_z
+length_inverse = rsqrt(length_squared)
 
 # colour + G·direction
-red0 = g_red_x * ray_x
-red1 = g_red_y * ray_y + red0
-red2 = g_red_z * ray_z + red1
-red = red2 * length_inverse + colour_red
-green0 = g_green_x * ray_x
-green1 = g_green_y * ray_y + green0
-green2 = g_green_z * ray_z + green1
-green = green2 * length_inverse + colour_green
-blue0 = g_blue_x * ray_x
-blue1 = g_blue_y * ray_y + blue0
-blue2 = g_blue_z * ray_z + blue1
-blue = blue2 * length_inverse + colour_blue
+slope_red = g_red_x * ray_x + g_red_y * ray_y + g_red_z * ray_z
+red = slope_red * length_inverse + colour_red
+slope_green = g_green_x * ray_x + g_green_y * ray_y + g_green_z * ray_z
+green = slope_green * length_inverse + colour_green
+slope_blue = g_blue_x * ray_x + g_blue_y * ray_y + g_blue_z * ray_z
+blue = slope_blue * length_inverse + colour_blue
 """
 
 CONSTANTS = (

@@ -18,11 +18,11 @@ is at most 10.7 pixels away; so √413 · √2 < 2^5 bounds a normalised length.
 curvature: no splat is thinner than the blur, even a needle, except for roundings (1 % with FP16's
 digits); the numbers leave room for 10 %.
 
-**The faintness rule** skips invisible contributions (`Config.faint`, (a, b, c); 3DGS has no such
-rule). A pixel with T < 2^−a skips a splat that would take less than 2^−b, and keeps T. A splat that
-would leave less than 2^−c takes all of T and ends the pixel. So skipped weight goes to the splats
-behind, or in front: all weights still sum to 1, and only weights after T < 2^−a differ. The error
-of a pixel's colour is at most 2^−a of the range of its colours.
+**The faintness rule** skips invisible contributions (`Config.faint`; 3DGS has no such rule). A
+pixel with T < 2^−dark skips a splat that would take less than 2^−taken, and keeps T. A splat that
+would leave less than 2^−ends takes all of T and ends the pixel. So skipped weight goes to the
+splats behind, or in front: all weights still sum to 1, and only weights after T < 2^−dark differ.
+The error of a pixel's colour is at most 2^−dark of the range of its colours.
 """
 
 from dataclasses import replace
@@ -33,7 +33,7 @@ import numpy as np
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.colour import CHANNELS, COLOUR_INTEGER, colour_format
 from splatcore.spec.config import Config
-from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN
+from splatcore.spec.convention import ALPHA_MAX, ALPHA_MIN, BLOCK, TILE, TRANSMITTANCE_MIN, Faint
 from splatcore.spec.feature import FACTOR, POSITION, SCALE_MAX, SHEAR, feature_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
@@ -224,16 +224,15 @@ def mark_roundings(config: Config) -> int:
 
 def mark_min(config: Config) -> tuple[int, ...]:
     """Marking thresholds of E, one per block level, in units of 2^−exponent_fraction. A block has
-    level 0 while any pixel has T ≥ 2^−a (`Config.faint`), and level k once all have T < 2^−(a +
-    k − 1).
+    level 0 while any pixel has T ≥ 2^−dark (`Config.faint`), and level k once all have
+    T < 2^−(dark + k − 1).
 
-    With T < 2^−t a splat takes less than 2^−b if alpha < 2^−(b − t). Alpha 1/255 is taken as 2^−8,
-    so that all thresholds differ by whole numbers.
+    With T < 2^−t a splat takes less than 2^−taken if alpha < 2^−(taken − t). Alpha 1/255 is taken
+    as 2^−8, so that all thresholds differ by whole numbers.
     """
     least = [-POWER_SHIFTS]
-    if config.faint:
-        from_, below, ends = config.faint
-        least += [max(t - below, -POWER_SHIFTS) for t in range(from_, ends)]
+    if rule := config.faint:
+        least += [max(t - rule.taken, -POWER_SHIFTS) for t in range(rule.dark, rule.ends)]
     fraction = config.exponent_fraction
     return tuple((e << fraction) - mark_roundings(config) for e in least)
 
@@ -254,27 +253,21 @@ def transmittance_min(config: Config) -> int:
     if not config.early_termination:
         return 0
     if config.faint:
-        return 1 << config.transmittance - config.faint[2]
+        return 1 << config.transmittance - config.faint.ends
     return int(np.ceil(TRANSMITTANCE_MIN * 2.0**config.transmittance))
 
 
-def faint_rule(config: Config) -> tuple[float, float, float] | None:
-    """Return the faintness rule of `spec.convention.Convention`: 2^−a, 2^−b, 2^−c; or None."""
-    if not config.faint:
-        return None
-    from_, below, ends = (2.0**-places for places in config.faint)
-    return from_, below, ends
+def faint_rule(config: Config) -> Faint | None:
+    """Return a machine's faintness rule for `Convention`, or None."""
+    return Faint(*(2.0**-places for places in config.faint)) if config.faint else None
 
 
-def owner(config: Config, block: int) -> tuple[int, int]:
-    """Return the rasterizer of a tile's block, and the block's number there. Neighbours go to
-    different rasterizers, so that a small splat keeps several of them busy.
+def owner(config: Config, block: int) -> int:
+    """Return the rasterizer of a tile's block. Neighbours go to different rasterizers, so that a
+    small splat keeps several of them busy.
     """
-    row, column = divmod(block, BLOCKS)
-    columns = span_blocks(config)
-    rows = config.rasterizers // columns
-    number = row // rows * (BLOCKS // columns) + column // columns
-    return (column + row) % columns + columns * (row % rows), number
+    (row, column), columns = divmod(block, BLOCKS), span_blocks(config)
+    return (column + row) % columns + columns * (row % (config.rasterizers // columns))
 
 
 def block_count(config: Config) -> int:
@@ -284,8 +277,7 @@ def block_count(config: Config) -> int:
 
 def owned(config: Config, rasterizer: int) -> list[int]:
     """Return a rasterizer's blocks of a tile, in the order of their numbers there."""
-    pairs = [(owner(config, block), block) for block in range(BLOCKS**2)]
-    return [block for (owning, _), block in sorted(pairs) if owning == rasterizer]
+    return [block for block in range(BLOCKS**2) if owner(config, block) == rasterizer]
 
 
 def span_blocks(config: Config) -> int:

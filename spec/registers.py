@@ -12,7 +12,7 @@ rendered. INTERRUPT's FRAME reports that all pixels of a frame are in memory. Nu
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from splatcore.spec.axi import ADDRESS_BITS, LITE_DATA_BITS, window_bits
 from splatcore.spec.binning import PAGE_BITS, groups_max
@@ -89,11 +89,19 @@ since ERROR was last written: the reported error or a later one. ABORT sets none
 """
 
 
-def split_error(value: int) -> tuple[ErrorCode, int, int]:
-    """Return code, detail and halves of a value of ERROR."""
+class Error(NamedTuple):
+    """The fields of ERROR."""
+
+    code: ErrorCode
+    detail: int
+    halves: int
+
+
+def split_error(value: int) -> Error:
+    """Return the fields of a value of ERROR."""
     above, code = divmod(value, 1 << CODE_BITS)
     halves, detail = divmod(above, 1 << DETAIL_BITS)
-    return ErrorCode(code), detail, halves
+    return Error(ErrorCode(code), detail, halves)
 
 
 ALIGNED = {
@@ -109,17 +117,13 @@ WIDE = 1 << 16
 
 @dataclass(frozen=True)
 class Register:
-    """One register.
-
-    about: its meaning, for the documentation and the C and SystemRDL files
-    value: the value that it always reads as, if constant
-    """
+    """One register."""
 
     name: str
     width: int
     access: Access
-    about: str
-    value: int | None = None
+    about: str  # its meaning, for the documentation and the C and SystemRDL files
+    value: int | None = None  # the value that it always reads as, if constant
 
     @property
     def reset(self) -> int | None:
@@ -138,10 +142,8 @@ def control_registers(config: Config) -> list[Register]:
     size, most = config.width_max | config.height_max << 16, groups_max(config)
     side = TILE * config.group
     about_groups = f"maximum number of groups of {side} x {side} pixels per image"
-    version, about = (
-        VERSIONS[config.compensates],
-        "newest model version that the machine reads",
-    )
+    about_error = f"code, detail << {CODE_BITS}, halves << {HALVES_AT}; any write clears it"
+    version, about = VERSIONS[config.compensates], "newest model version that the machine reads"
     if window_bits(config):
         version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
     return [
@@ -152,12 +154,7 @@ def control_registers(config: Config) -> list[Register]:
         Register("STATUS", 3, "read", "state: READY, PREPROCESSING, RENDERING"),
         Register("INTERRUPT", 3, "clear", "pending interrupts: READY, FRAME, ERROR"),
         Register("INTERRUPT_ENABLE", 3, "write", "bits of INTERRUPT that raise the interrupt"),
-        Register(
-            "ERROR",
-            HALVES_AT + HALVES_BITS,
-            "clear",
-            f"code, detail << {CODE_BITS}, halves << {HALVES_AT}; any write clears it",
-        ),
+        Register("ERROR", HALVES_AT + HALVES_BITS, "clear", about_error),
         Register("STARTED", FRAME_BITS, "read", "frames that have begun, modulo 2^16"),
         Register("FINISHED", FRAME_BITS, "read", "frames that are complete, modulo 2^16"),
         Register("NEEDED", PAGE_BITS, "read", "list pages that the last frame needed"),
@@ -167,53 +164,36 @@ def control_registers(config: Config) -> list[Register]:
 
 def frame_registers(config: Config) -> list[Register]:
     """Return the registers of a frame."""
-
-    def address(name: str, about: str) -> Register:
-        about = f"{about}, a multiple of {ALIGNED[name]}"
-        return Register(name, ADDRESS_BITS, "frame", about)
-
-    colour = colour_format(config).width
-    registers = [
-        Register("WIDTH", config.side_max.bit_length(), "frame", "image width, pixels"),
-        Register("HEIGHT", config.side_max.bit_length(), "frame", "image height, pixels"),
-        address("MODEL", "address of the packed model"),
-        address("GROUPS", "address of work area 0's table of groups"),
-        address("LISTS", "address of work area 0's list pages"),
-        address("FEATURES", "address of work area 0's features"),
-        address("WORK_AREA", "bytes from work area 0 to work area 1"),
-        Register("LISTS_PAGES", PAGE_BITS, "frame", "list pages per work area"),
-        Register("FEATURES_MAX", SPLAT_BITS, "frame", "features per work area"),
-        address("SCRATCH", "address of scratch memory"),
-        address("PIXELS", "address of the image"),
-        Register(
-            "STRIDE",
-            STRIDE_BITS,
-            "frame",
-            f"bytes from one row to the next, a multiple of {STRIDE_ALIGNMENT}",
-        ),
-    ]
-    registers += [
-        Register(
-            f"BACKGROUND_{name.upper()}",
-            colour,
-            "frame",
-            f"background {name}, units of 2^-{config.colour_fraction}·255/256",
-        )
-        for name in COLOURS
-    ]
-    registers += [
-        Register(f"CAMERA_{axis}_{part}", width, "frame", f"camera's {axis}, grid steps, {bits}")
-        for axis in "XYZ"
-        for part, width, bits in (
-            ("LOW", LITE_DATA_BITS, "lower 32 bits"),
-            ("HIGH", CAMERA.width - LITE_DATA_BITS, "upper bits"),
-        )
-    ]
-    number = config.arithmetic.width
-    registers.append(Register("NEAR_PLANE", number, "frame", "points up to this depth are dropped"))
+    side, colour, number = config.side_max.bit_length(), colour_format(config), config.arithmetic
+    rows = f"bytes from one row to the next, a multiple of {STRIDE_ALIGNMENT}"
+    found = {
+        "WIDTH": (side, "image width, pixels"),
+        "HEIGHT": (side, "image height, pixels"),
+        "MODEL": (ADDRESS_BITS, "address of the packed model"),
+        "GROUPS": (ADDRESS_BITS, "address of work area 0's table of groups"),
+        "LISTS": (ADDRESS_BITS, "address of work area 0's list pages"),
+        "FEATURES": (ADDRESS_BITS, "address of work area 0's features"),
+        "WORK_AREA": (ADDRESS_BITS, "bytes from work area 0 to work area 1"),
+        "LISTS_PAGES": (PAGE_BITS, "list pages per work area"),
+        "FEATURES_MAX": (SPLAT_BITS, "features per work area"),
+        "SCRATCH": (ADDRESS_BITS, "address of scratch memory"),
+        "PIXELS": (ADDRESS_BITS, "address of the image"),
+        "STRIDE": (STRIDE_BITS, rows),
+    }
+    for name in COLOURS:
+        about = f"background {name}, units of 2^-{colour.fraction}·255/256"
+        found[f"BACKGROUND_{name.upper()}"] = colour.width, about
+    for axis in "XYZ":
+        about, high = f"camera's {axis}, grid steps,", CAMERA.width - LITE_DATA_BITS
+        found[f"CAMERA_{axis}_LOW"] = LITE_DATA_BITS, f"{about} lower 32 bits"
+        found[f"CAMERA_{axis}_HIGH"] = high, f"{about} upper bits"
+    found["NEAR_PLANE"] = number.width, "points up to this depth are dropped"
     for name in variable_constants(config):
-        about = f"constant {name} of the projection"
-        registers.append(Register(f"CONSTANT_{name.upper()}", number, "frame", about))
+        found[f"CONSTANT_{name.upper()}"] = number.width, f"constant {name} of the projection"
+    for name, size in ALIGNED.items():
+        width, about = found[name]
+        found[name] = width, f"{about}, a multiple of {size}"
+    registers = [Register(name, width, "frame", about) for name, (width, about) in found.items()]
     return registers + high_registers(config)
 
 

@@ -49,22 +49,15 @@ class Wait:
 
 @dataclass(frozen=True)
 class Schedule:
-    """A program's schedule.
+    """A program's schedule."""
 
-    interval: cycles from one item to the next
-    places: all steps, in the order of their times
-    waits: all waiting values
-    latencies: unit → clock cycles
-    early: output → cycles from its read to `length`
-    """
-
-    interval: int
-    places: tuple[Place, ...]
-    waits: tuple[Wait, ...]
-    latencies: tuple[tuple[str, int], ...]
+    interval: int  # cycles from one item to the next
+    places: tuple[Place, ...]  # all steps, in the order of their times
+    waits: tuple[Wait, ...]  # all waiting values
+    latencies: tuple[tuple[str, int], ...]  # unit → clock cycles
     length: int
     """Cycles from the first step's start until the last outputs are read."""
-    early: tuple[tuple[str, int], ...]
+    early: tuple[tuple[str, int], ...]  # output → cycles from its read to `length`
 
     def read_time(self, output: str) -> int:
         """Return the time at which an output is read."""

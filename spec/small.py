@@ -15,27 +15,17 @@ Of a chunk's 16-bit offsets the top 10 bits are stored, the first of them as the
 
 import numpy as np
 
+from splatcore.spec import memory
 from splatcore.spec.config import Config
-from splatcore.spec.memory import (
-    ABSOLUTE,
-    BELOW,
-    FACTOR,
-    MAGNITUDE,
-    ON_DIAGONAL,
-    OPACITY,
-    SMALL_OPACITY,
-    SMALL_STORED_BITS,
-    STORED_BITS,
-)
 from splatcore.spec.record import Codes
 
-UNIT = 1 - FACTOR.bias
+UNIT = 1 - memory.FACTOR.bias
 """With e = 0 and m = 1 an element is the smallest normal number of `FACTOR`."""
 
-EXPONENT_LAST = (1 << FACTOR.exponent) - 1 - MAGNITUDE.width
+EXPONENT_LAST = (1 << memory.FACTOR.exponent) - 1 - memory.MAGNITUDE.width
 """Largest e for which every m has a number of `FACTOR`."""
 
-LARGEST = (1 << MAGNITUDE.width) - 1
+LARGEST = (1 << memory.MAGNITUDE.width) - 1
 """Largest m."""
 
 FACTOR_MAX = np.ldexp(LARGEST + 0.5, EXPONENT_LAST + UNIT)
@@ -45,8 +35,8 @@ FACTOR_MAX = np.ldexp(LARGEST + 0.5, EXPONENT_LAST + UNIT)
 def position_widths(config: Config) -> tuple[int, ...]:
     """Return the widths of a stored coordinate: of whole models, then of small ones if other."""
     if config.position == "absolute":
-        return (ABSOLUTE.width,)
-    return (STORED_BITS, SMALL_STORED_BITS)[: 1 + config.small_models]
+        return (memory.ABSOLUTE.width,)
+    return (memory.STORED_BITS, memory.SMALL_STORED_BITS)[: 1 + config.small_models]
 
 
 def shared_exponents(lower: np.ndarray) -> np.ndarray:
@@ -70,9 +60,9 @@ def factor_codes(lower: np.ndarray) -> Codes:
     exponent = shared_exponents(lower)
     steps = np.ldexp(lower, -(exponent + UNIT)[:, None, None]).astype(np.int64)
     codes = {"exponent": exponent}
-    for name in (*ON_DIAGONAL, *BELOW):
+    for name in (*memory.ON_DIAGONAL, *memory.BELOW):
         element = steps[:, int(name[1]), int(name[2])]
-        codes[name] = np.abs(element) | (element < 0) << MAGNITUDE.width
+        codes[name] = np.abs(element) | (element < 0) << memory.MAGNITUDE.width
     return {name: values.astype(np.uint64) for name, values in codes.items()}
 
 
@@ -80,13 +70,13 @@ def expanded(codes: Codes) -> Codes:
     """Return the fields of a whole beat of attributes [N], from half-beat attributes [N]."""
     whole = {name: values for name, values in codes.items() if name not in ("exponent", "reserved")}
     exponent = codes["exponent"].astype(np.int64)
-    for name in (*ON_DIAGONAL, *BELOW):
+    for name in (*memory.ON_DIAGONAL, *memory.BELOW):
         sign, m = np.divmod(codes[name].astype(np.int64), LARGEST + 1)
         place = np.frexp(m)[1] - 1  # index of m's highest set bit; -1 for 0
-        biased = np.where(m, exponent + place + 1, 0) & (1 << FACTOR.exponent) - 1
-        fraction = (m << FACTOR.fraction - place) & (1 << FACTOR.fraction) - 1
-        code = sign << FACTOR.exponent | biased
-        whole[name] = (code << FACTOR.fraction | fraction).astype(np.uint64)
-    finer = OPACITY.fraction - SMALL_OPACITY.fraction
+        biased = np.where(m, exponent + place + 1, 0) & (1 << memory.FACTOR.exponent) - 1
+        fraction = (m << memory.FACTOR.fraction - place) & (1 << memory.FACTOR.fraction) - 1
+        code = sign << memory.FACTOR.exponent | biased
+        whole[name] = (code << memory.FACTOR.fraction | fraction).astype(np.uint64)
+    finer = memory.OPACITY.fraction - memory.SMALL_OPACITY.fraction
     whole["opacity"] = codes["opacity"].astype(np.uint64) << np.uint64(finer)
     return whole

@@ -34,6 +34,8 @@ have output a job take the areas of scratch memory in turn, so that one list is 
 is read.
 """
 
+from typing import NamedTuple
+
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import Config
 from splatcore.spec.group import COUNT_BITS, ENTRY_BITS, key_format
@@ -140,8 +142,11 @@ def ranked_record(config: Config) -> Record:
     return Record("ranked", {"key": key_format(config), "index": index, "last": Bits(1)})
 
 
-Digit = tuple[int, int]
-"""Lowest bit and width of a digit."""
+class Digit(NamedTuple):
+    """A digit of a key."""
+
+    low: int  # its lowest bit
+    width: int
 
 
 def digits(config: Config) -> list[Digit]:
@@ -149,7 +154,7 @@ def digits(config: Config) -> list[Digit]:
     found, low = [], config.sort_key_bits
     for width in config.sort_digits:
         low -= width
-        found.append((low, width))
+        found.append(Digit(low, width))
     return found
 
 
@@ -162,12 +167,12 @@ def phases(config: Config) -> list[tuple[list[Digit], list[Digit]]]:
     """
     trees = index_bits(config)
     cycles, room = [[]], CYCLE_DEPTH - 2 * trees
-    for low, width in reversed(digits(config)):
-        cost = trees + 3 * width
+    for digit in reversed(digits(config)):
+        cost = trees + 3 * digit.width
         if cost > room and cycles[-1]:
             cycles.append([])
             room = CYCLE_DEPTH - (trees if len(cycles) % 2 else 0)
-        cycles[-1].insert(0, (low, width))
+        cycles[-1].insert(0, digit)
         room -= cost
     if len(cycles) % 2:
         cycles.append([])

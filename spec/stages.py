@@ -4,20 +4,13 @@ from typing import NamedTuple
 
 
 class Stage(NamedTuple):
-    """A stage of the machine.
+    """A stage of the machine."""
 
-    name: also names its component, its cycles and its row in tables
-    paper: the stage of the paper that includes it
-    half: the machine's half that includes it; the halves work on two frames at once
-    block: the component that includes it and has its performance counters
-    about: its function
-    """
-
-    name: str
-    paper: str
-    half: str
-    block: str
-    about: str
+    name: str  # also names its component, its cycles and its row in tables
+    paper: str  # the stage of the paper that includes it
+    half: str  # the machine's half that includes it; the halves work on two frames at once
+    block: str  # the component that includes it and has its performance counters
+    about: str  # its function
 
 
 STAGES = (

@@ -8,8 +8,8 @@ from splatcore.app.cli import options
 from splatcore.app.cli.commands import COMMANDS
 from splatcore.app.cli.simulate import TimingOption
 from splatcore.model.generate.hard import HARD
-from splatcore.model.generate.hard_antialiased import ANTIALIASED
 from splatcore.model.generate.hard_case import PSNR_MIN
+from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
 from splatcore.sim.common.table import print_whole

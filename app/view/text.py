@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterable
 
-from splatcore.sim.cycles.frame import STAGES
 from splatcore.sim.frame.metric import decibels
+from splatcore.spec.stages import HALVES
 
 UNCOMPENSATED = "Antialiased ({}): the browser's own picture is drawn without opacity compensation."
 """Line on an antialiased scene, with the reason."""
@@ -31,7 +31,7 @@ def facts_text(facts: dict) -> str:
     lines += ["", *table(("at 800 MHz", ""), rows)]
     lines += ["", f"Bottleneck: **{cycles['stage']}** in {cycles['half']}", ""]
     stages = {}
-    for half, names in STAGES.items():
+    for half, names in HALVES.items():
         stages[f"**{half}**"] = f"**{cycles[half]:,}**"
         stages |= {name: f"{cycles[name]:,}" for name in names}
     return "\n".join(lines + table(("stage", "cycles"), stages))

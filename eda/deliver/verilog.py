@@ -12,13 +12,13 @@ from amaranth.lib.wiring import In
 
 from splatcore.eda.deliver.names import readable, without_source
 from splatcore.eda.deliver.register_files import write_register_files
-from splatcore.eda.gates.macros import PREFIX, Macros, memory_name, module
+from splatcore.eda.gates.macros import PREFIX, Macros, memory_name, module, sizes_in
 from splatcore.eda.template import filled, write_texts
 from splatcore.hdl.lib.holds import BUILT
 from splatcore.hdl.stages import STAGES
 from splatcore.hdl.top import Top
 from splatcore.sim.common.table import comma_separated
-from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.convert import converted, kept
 from splatcore.sim.rtl.verilator import environment
 from splatcore.spec.axi import ID_BITS
 from splatcore.spec.config import CLOCK_HZ, KB, Config
@@ -132,7 +132,8 @@ def stage_source(
     source = type(component).__module__.removeprefix("splatcore.").replace(".", "/") + ".py"
     head = HEADER.format(name=name, source=source, preset=config.name, about=about)
     module = f"{names.prefix}_{name}"
-    text = readable(_plain(converted(component, module, platform or BUILT, emit_src=True), module))
+    convert = kept if isinstance(component, Top) else converted  # the whole takes half a minute
+    text = readable(_plain(convert(component, module, platform or BUILT, emit_src=True), module))
     return f"{head}\n{text if names.source_lines else without_source(text)}"
 
 
@@ -178,9 +179,9 @@ def write_top(config: Config, folder: Path, names: Names = NAMES) -> list[Path]:
 
     Returns the files' paths.
     """
-    top, macros = Top(config), Macros(names.prefix)
-    source = stage_source("top", top, config, macros, names)
-    shapes = sorted(set(macros.sizes))
+    top = Top(config)
+    source = stage_source("top", top, config, Macros(names.prefix), names)
+    shapes = sizes_in(source, names.prefix)
     memories = MEMORIES_HEADER.format(preset=config.name)
     memories += "\n".join(module(*shape, names.prefix) for shape in shapes)
     facts = {"config": config, "names": names}

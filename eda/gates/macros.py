@@ -27,6 +27,12 @@ def memory_size(module: str) -> tuple[int, int]:
     return words, bits
 
 
+def sizes_in(text: str, prefix: str = PREFIX) -> list[tuple[int, int]]:
+    """(words, bits) of all memories in a Verilog text, each once."""
+    found = re.findall(rf"\b{prefix}_memory_(\d+)x(\d+) ", text)
+    return sorted({(int(words), int(bits)) for words, bits in found})
+
+
 def module(words: int, bits: int, prefix: str = PREFIX, blackbox: bool = False) -> str:
     """Verilog of a memory, from which tools infer block RAM or flip-flops.
 

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from splatcore.eda.gates.machine_gates import PARTS, part_around
-from splatcore.eda.gates.macros import Macros, module
+from splatcore.eda.gates.macros import Macros, module, sizes_in
 from splatcore.eda.power.saif import duration, nets
 from splatcore.hdl.top import Top
 from splatcore.sim.common.cache import kept_json
@@ -27,7 +27,7 @@ from splatcore.sim.machine.machine import Job, Machine
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.program import TOGGLES
 from splatcore.sim.machine.script import LPDDR4
-from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.convert import kept
 from splatcore.spec.config import Config
 from splatcore.spec.energy import ENERGY
 from splatcore.spec.error import InputError
@@ -90,9 +90,8 @@ class Counts:
 @cache
 def machine_source(config: Config) -> str:
     """The machine's Verilog with memories as modules, whose enables are nets."""
-    macros = Macros()
-    text = converted(Top(config), platform=macros)
-    return text + "".join(module(*size) for size in sorted(set(macros.sizes)))
+    text = kept(Top(config), platform=Macros())
+    return text + "".join(module(*size) for size in sizes_in(text))
 
 
 def plain(name: str) -> str:

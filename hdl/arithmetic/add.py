@@ -22,11 +22,6 @@ class Add(wiring.Component):
         format: of operands and result
         latency: number of registers, or their places
 
-    Members:
-        a, b: in, codes of `format`
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of `format`
-
     **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
@@ -37,8 +32,14 @@ class Add(wiring.Component):
         )
         self.zeros = self._zeros(format)
         self.registers = spread(latency, self.cuts(format))
-        code = format.width
-        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+        ports = {
+            # codes of `format`
+            "a": In(format.width),
+            "b": In(format.width),
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+            "o": Out(format.width),  # code of `format`
+        }
+        super().__init__(ports)
 
     @staticmethod
     def _zeros(format: Float) -> int:
@@ -123,11 +124,6 @@ class MultiplyAdd(wiring.Component):
         format: of operands and result
         latency: number of registers
 
-    Members:
-        a, b, c: in, codes of `format`, of the same item
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of `format`
-
     **Timing**: one multiplier of `fraction` + 1 bits squared, one item per cycle, `latency` cycles:
     any number, 0 is combinational. Registers are placed so that they cut the whole path best;
     product and sum need not be registered.
@@ -141,8 +137,14 @@ class MultiplyAdd(wiring.Component):
         self.multiply = Multiply(format, own["multiply"])
         self.add = Add(format, own["add"])
         self.delay = {"summand": sum(own["multiply"].values())}
-        code = format.width
-        ports = {"a": In(code), "b": In(code), "c": In(code), "enable": In(1), "o": Out(code)}
+        ports = {
+            # codes of `format`, of the same item
+            "a": In(format.width),
+            "b": In(format.width),
+            "c": In(format.width),
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+            "o": Out(format.width),  # code of `format`
+        }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:

@@ -20,11 +20,6 @@ class Compare(wiring.Component):
 
     Codes without their sign are ordered as the values are, so one comparison of integers is enough.
 
-    Members:
-        a, b: in, codes of `format`
-        enable: in, the pipeline advances; while it is low all registers hold
-        less, equal: out, the results
-
     **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     All registers are at the end.
     """
@@ -32,8 +27,15 @@ class Compare(wiring.Component):
     def __init__(self, format: Float, latency: int):
         self.format = format
         self.registers = spread(latency, {"compare": 14})
-        code = format.width
-        ports = {"a": In(code), "b": In(code), "enable": In(1), "less": Out(1), "equal": Out(1)}
+        ports = {
+            # codes of `format`
+            "a": In(format.width),
+            "b": In(format.width),
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+            # the results
+            "less": Out(1),
+            "equal": Out(1),
+        }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:

@@ -1,6 +1,6 @@
 """Conversion between float formats, and between floats and fixed point."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, ValueLike
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -10,13 +10,15 @@ from splatcore.hdl.lib.shift import shift_right_sticky, sticky
 from splatcore.spec.number import Fixed, Float
 
 
+def converted(m: Module, name: str, part: wiring.Component, value: ValueLike) -> Value:
+    """A value converted by a part without registers, submodule `name`."""
+    m.submodules[name] = part
+    m.d.comb += [part.i.eq(value), part.enable.eq(1)]
+    return part.o
+
+
 class Convert(wiring.Component):
     """o = i · 2^scale in another floating-point format, rounded once.
-
-    Members:
-        i: in, code of `source`
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of `target`; 0 for a NaN if `target` has none
 
     **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     """
@@ -28,7 +30,12 @@ class Convert(wiring.Component):
         normalise = self.rebias > 0 or not target.subnormal
         self.zeros = source.fraction + 1 if source.subnormal and normalise else 1
         self.registers = spread(latency, Round.cuts(target, self.zeros))
-        super().__init__({"i": In(source.width), "o": Out(target.width), "enable": In(1)})
+        ports = {
+            "i": In(source.width),  # code of `source`
+            "o": Out(target.width),  # code of `target`; 0 for a NaN if `target` has none
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -60,12 +67,6 @@ class FromFixed(wiring.Component):
         latency: number of registers
         scale: range of the exponents of the power of two
 
-    Members:
-        i: in, code of `fixed`
-        scale: in, only if the parameter `scale` is given: o = i · 2^scale
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of `format`
-
     **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     """
 
@@ -76,12 +77,17 @@ class FromFixed(wiring.Component):
         # The highest bit of the magnitude is the higher of the two before the rounder's point.
         self.exponent = fixed.width - 2 - fixed.fraction + format.bias
         self.exponents = range(self.exponent, self.exponent + 1)
-        ports = {"i": In(fixed.width), "o": Out(format.width), "enable": In(1)}
+        ports = {
+            "i": In(fixed.width),  # code of `fixed`
+            "o": Out(format.width),  # code of `format`
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+        }
         self.scaled = scale is not None
         if self.scaled:
             # The rounder needs a range of exponents that includes 0, even if it is never reached.
             highest = max(self.exponent + scale[-1], 0)
             self.exponents = range(self.exponent + scale[0], highest + 1)
+            # o = i · 2^scale
             ports["scale"] = In(Shape.cast(range(min(scale[0], -1), scale[-1] + 1)))
         super().__init__(ports)
 
@@ -108,12 +114,6 @@ class ToFixed(wiring.Component):
         latency: number of registers, or their places
         scale: range of exponents, for a factor that is a power of two
 
-    Members:
-        i: in, code of `format`
-        scale: in, only if the parameter `scale` is given: o = i · 2^scale
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of `fixed`
-
     **Timing**: no multiplier, one item per cycle, `latency` cycles: any number, 0 is combinational.
     Registers are behind the shift of the significand and at the end.
     """
@@ -123,13 +123,18 @@ class ToFixed(wiring.Component):
     ):
         self.format, self.fixed = format, fixed
         self.registers = spread(latency, {"shift": 16, "round": 16})
-        ports = {"i": In(format.width), "o": Out(fixed.width), "enable": In(1)}
+        ports = {
+            "i": In(format.width),  # code of `format`
+            "o": Out(fixed.width),  # code of `fixed`
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+        }
         exponents = operand(format).exponents
         self.small = exponents[0]  # up to this exponent significands may have leading zeros
         self.scaled = scale is not None
         if self.scaled:
             self.small += scale[-1]
             exponents = range(exponents[0] + scale[0], exponents[-1] + scale[-1] + 1)
+            # o = i · 2^scale
             ports["scale"] = In(Shape.cast(scale))
         self.exponents = exponents
         super().__init__(ports)

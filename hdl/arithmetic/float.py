@@ -70,17 +70,17 @@ class Unpack(wiring.Component):
         clear: whether to clear the fraction of a zero whose code has one, which is possible in a
             format without subnormal values; if not, only the integer bit marks a zero
 
-    Members:
-        i: in, code of `format`
-        o: out, `operand(format)`
-
     **Timing**: combinational.
     """
 
     def __init__(self, format: Float, clear: bool = True):
         self.format = format
         self.clear = clear and not format.subnormal
-        super().__init__({"i": In(format.width), "o": Out(operand(format))})
+        ports = {
+            "i": In(format.width),  # code of `format`
+            "o": Out(operand(format)),
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -112,19 +112,20 @@ class Round(wiring.Component):
             normalised
         registers: number of registers at each cut
 
-    Members:
-        i: in, `layout`, the significand with two bits before the binary point; its lowest bit may
-            be sticky if `format.fraction` + 2 or more bits are behind the point
-        enable: in, the pipeline advances
-        o: out, code of `format`; 0 for a NaN if the format has none
-
     **Timing**: no multiplier, one item per cycle; the latency is the sum of `registers`.
     """
 
     def __init__(self, format: Float, layout: Unpacked, zeros: int, registers: Registers):
         self.format, self.layout = format, layout
         self.zeros, self.registers = zeros, registers
-        super().__init__({"i": In(layout), "o": Out(format.width), "enable": In(1)})
+        ports = {
+            # the significand has two bits before the binary point; its lowest bit may be sticky if
+            # `format.fraction` + 2 or more bits are behind the point
+            "i": In(layout),
+            "o": Out(format.width),  # code of `format`; 0 for a NaN if the format has none
+            "enable": In(1),  # the pipeline advances
+        }
+        super().__init__(ports)
 
     @staticmethod
     def cuts(format: Float, zeros: int) -> dict[str, int]:

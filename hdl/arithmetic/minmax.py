@@ -10,17 +10,18 @@ from splatcore.spec.number import Float
 class Choice(wiring.Component):
     """Base class: selects one of two floats, or combines their parts.
 
-    Members:
-        a, b: in, codes of a signed `format`
-        enable: in, the register loads; while it is low it holds
-        o: out, code of `format`
-
     **Timing**: no multiplier, one item per cycle, latency 1.
     """
 
     def __init__(self, format: Float):
-        code = format.width
-        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+        ports = {
+            # codes of a signed `format`
+            "a": In(format.width),
+            "b": In(format.width),
+            "enable": In(1),  # the register loads; while it is low it holds
+            "o": Out(format.width),  # code of `format`
+        }
+        super().__init__(ports)
 
 
 class Clamp(Choice):

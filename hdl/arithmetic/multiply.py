@@ -17,11 +17,6 @@ class Multiply(wiring.Component):
         format: of operands and result
         latency: number of registers, or their places
 
-    Members:
-        a, b: in, codes of `format`
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of `format`
-
     **Timing**: one multiplier of `fraction` + 1 bits squared, one item per cycle, `latency` cycles:
     any number, 0 is combinational.
     """
@@ -30,8 +25,14 @@ class Multiply(wiring.Component):
         self.format = format
         self.zeros = self._zeros(format)
         self.registers = spread(latency, self.cuts(format))
-        code = format.width
-        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+        ports = {
+            # codes of `format`
+            "a": In(format.width),
+            "b": In(format.width),
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+            "o": Out(format.width),  # code of `format`
+        }
+        super().__init__(ports)
 
     @staticmethod
     def _zeros(format: Float) -> int:

@@ -19,12 +19,6 @@ REGISTERS = ("packed", "looked_up", "summed", "unpacked", "multiplied")
 class Lookup(wiring.Component):
     """Looks up the coefficients of a significand's interval, and computes their factors.
 
-    Members:
-        significand: in, interval (high bits) and distance within it
-        offset: out, constant coefficient
-        slope, below: out, only if the degree is at least 1: linear coefficient and its factor
-        curve, square: out, only if the degree is 2: quadratic coefficient and its factor
-
     **Timing**: a squarer of `reach` bits (degree 2); no registers.
     """
 
@@ -35,8 +29,11 @@ class Lookup(wiring.Component):
         terms = {"slope": slope, "below": path.rest, "curve": curve, "square": path.square}
         self.terms = tuple(terms)[: 2 * path.degree]
         ports = {
+            # interval (high bits) and distance within it
             "significand": In(path.address + path.rest),
-            "offset": Out(path.fraction + 1 + path.guard),
+            "offset": Out(path.fraction + 1 + path.guard),  # constant coefficient
+            # `slope` and `below`, from degree 1 on: linear coefficient and its factor; `curve` and
+            # `square`, with degree 2: quadratic coefficient and its factor
             **{name: Out(terms[name]) for name in self.terms},
         }
         super().__init__(ports)
@@ -67,11 +64,6 @@ class Lookup(wiring.Component):
 class Unary(wiring.Component):
     """1/x or 1/√x of a float: `Reciprocal` or `Rsqrt`.
 
-    Members:
-        a: in, code of `format`
-        enable: in, the pipeline advances; while it is low all registers hold
-        o: out, code of the result, `latency` enabled cycles later
-
     **Timing**: one multiplier (degree 2: a second one of about 4 × 5 bits and a squarer); one item
     per cycle; any latency from 0. The first five registers cut the path in the order of
     `REGISTERS`, further ones follow the output, for a tool that retimes.
@@ -86,7 +78,12 @@ class Unary(wiring.Component):
         self.function, self.format, self.latency = function, format, latency
         extra = max(0, latency - len(REGISTERS))
         self.registers = Counter([*REGISTERS[:latency], *REGISTERS[:1] * extra])
-        super().__init__({"a": In(format.width), "enable": In(1), "o": Out(format.width)})
+        ports = {
+            "a": In(format.width),  # code of `format`
+            "enable": In(1),  # the pipeline advances; while it is low all registers hold
+            "o": Out(format.width),  # code of the result, `latency` enabled cycles later
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform):
         m = Module()

@@ -31,11 +31,6 @@ def result_layout(function: Function, format: Float) -> data.StructLayout:
 class Unpack(wiring.Component):
     """Unpacks and normalises a float, and finds the exponent or special value of the result.
 
-    Members:
-        a: in, code of `format`
-        significand: out, fraction below the leading one; for 1/√x with the exponent's parity on top
-        result: out, `result_layout`
-
     **Timing**: no registers, no multipliers.
     """
 
@@ -43,7 +38,8 @@ class Unpack(wiring.Component):
         self.function, self.format = function, format
         root = function == "rsqrt"
         ports = {
-            "a": In(format.width),
+            "a": In(format.width),  # code of `format`
+            # fraction below the leading one; for 1/√x with the exponent's parity on top
             "significand": Out(format.fraction + root),
             "result": Out(result_layout(function, format)),
         }
@@ -129,20 +125,16 @@ class Unpack(wiring.Component):
 class Pack(wiring.Component):
     """Packs a result from its layout and its fraction.
 
-    Members:
-        fraction: in, rounded, with one bit more than the format's, which carries into the exponent
-        result: in, `result_layout`
-        o: out, code of `format`
-
     **Timing**: no registers, no multipliers.
     """
 
     def __init__(self, function: Function, format: Float):
         self.function, self.format = function, format
         ports = {
+            # rounded, with one bit more than the format's, which carries into the exponent
             "fraction": In(format.fraction + 1),
             "result": In(result_layout(function, format)),
-            "o": Out(format.width),
+            "o": Out(format.width),  # code of `format`
         }
         super().__init__(ports)
 

@@ -5,13 +5,13 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.arithmetic.convert import Convert, ToFixed
+from splatcore.hdl.arithmetic.convert import Convert, ToFixed, converted
 from splatcore.hdl.binning.gather import Gather
 from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.hdl.binning.outline import Outline
 from splatcore.hdl.binning.rows import Rows
 from splatcore.hdl.lib.counters import count_events, counters_layout
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue, Register, Slot, Stage, passes
 from splatcore.spec import convention, counters, point
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
@@ -44,22 +44,6 @@ class Bin(wiring.Component):
     tiles, carry that number. `spec.binning` defines the tiles that it touches and explains why none
     is missing.
 
-    Members:
-        i: in, stream of `splat_record`
-        width, height: in, of the image, pixels; stable from two cycles before the frame
-        pages: in, pages of list memory; stable from two cycles before the frame
-        finish: in, the frame's last splat has been taken; when all is written, `groups` follow,
-            then `done` stays high until `finish` is low, which begins the next frame
-        features: out, stream of `feature_record`, in the order of their numbers
-        bursts: out, stream of `burst_record`
-        groups: out, stream of `group_record`, all groups of the image in order
-        needed: out, pages that the frame takes, valid until the next frame begins
-        exceeded: out, `needed` is above `pages`: bursts in missing pages are dropped, all else goes
-            on
-        done: out, the frame is complete
-        clear: in, all counters are 0
-        counters: out, counts of `COUNTED`; `blocked` counts cycles in which an output is not taken
-
     **Timing**: one tile row, one entry or a third of a splat per cycle, whichever is slowest;
     latency about 25 from a splat to its first entry. Multipliers as in `hdl.binning.rows`.
     """
@@ -69,18 +53,24 @@ class Bin(wiring.Component):
         self.outline, self.rows = Outline(config), Rows(config)
         self.gather, self.lists = Gather(config), ListWriter(config)
         ports = {
-            "i": In(stream.Signature(layout(point.splat_record(config)))),
+            "i": In(stream_of(point.splat_record(config))),
+            # of the image, pixels; stable from two cycles before the frame
             "width": In(range(config.side_max + 1)),
             "height": In(range(config.side_max + 1)),
-            "pages": In(PAGE_BITS),
+            "pages": In(PAGE_BITS),  # pages of list memory; stable from two cycles before the frame
+            # the frame's last splat has been taken; when all is written, `groups` follow, then
+            # `done` stays high until `finish` is low, which begins the next frame
             "finish": In(1),
-            "features": Out(stream.Signature(layout(feature_record(config)))),
-            "bursts": Out(stream.Signature(layout(burst_record(config)))),
-            "groups": Out(stream.Signature(layout(group_record()))),
+            "features": Out(stream_of(feature_record(config))),  # in the order of their numbers
+            "bursts": Out(stream_of(burst_record(config))),
+            "groups": Out(stream_of(group_record())),  # all groups of the image in order
+            # pages that the frame takes, valid until the next frame begins
             "needed": Out(PAGE_BITS),
+            # `needed` is above `pages`: bursts in missing pages are dropped, all else goes on
             "exceeded": Out(1),
-            "done": Out(1),
-            "clear": In(1),
+            "done": Out(1),  # the frame is complete
+            "clear": In(1),  # all counters are 0
+            # counts of `COUNTED`; `blocked` counts cycles in which an output is not taken
             "counters": Out(counters_layout(COUNTED)),
         }
         super().__init__(ports)
@@ -149,8 +139,8 @@ class Bin(wiring.Component):
             else:
                 m.d.comb += waits[name].eq(splat[name])
         for name, (target, source) in fixed.items():
-            m.submodules[f"fixed_{name}"] = convert = ToFixed(format, target, 0)
-            m.d.comb += [convert.i.eq(source), convert.enable.eq(1), waits[name].eq(convert.o)]
+            convert = ToFixed(format, target, 0)
+            m.d.comb += waits[name].eq(converted(m, f"fixed_{name}", convert, source))
         m.d.comb += waits.scale.eq(self._scale(splat.u, splat.v))
 
         m.d.comb += [
@@ -197,13 +187,10 @@ class Bin(wiring.Component):
         format, unit = self.config.arithmetic, self.config.screen_exponent
         found = {"scale": splat.scale, "opacity": splat.opacity}
         found |= {name: fixed.o for name, fixed in self.centre.items()}
-        for name in ("across", "along"):
-            m.submodules[name] = found[name] = Convert(format, FACTOR, 0, FACTOR_SCALE - 2 * unit)
-        m.submodules.shear = found["shear"] = Convert(format, SHEAR, 0)
         for name in ("across", "shear", "along"):
-            convert = found[name]
-            m.d.comb += [convert.i.eq(splat[name]), convert.enable.eq(1)]
-            found[name] = convert.o
+            factor = FACTOR, 0, FACTOR_SCALE - 2 * unit
+            convert = Convert(format, *((SHEAR, 0) if name == "shear" else factor))
+            found[name] = converted(m, name, convert, splat[name])
         for name in COLOURS:
             found[name] = short_colours(self.config, scaled_colours(splat[name]), Mux)
         return found

@@ -1,14 +1,14 @@
 """Writes the results of binning to memory: features, list pages, and the table of groups."""
 
 from amaranth.hdl import Cat, Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.holds import enough
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import AREA, stream_of
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.memory.write_combiner import WriteCombiner
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, write_record
+from splatcore.spec.axi import BEAT, write_record
 from splatcore.spec.binning import burst_record, group_record, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.feature import feature_record
@@ -22,18 +22,6 @@ WRITING = ("features", "lists", "groups")
 class Binned(wiring.Component):
     """Writes a frame's work area.
 
-    Members:
-        clear: in, a frame begins
-        features: in, stream of `feature_record`
-        bursts: in, stream of `burst_record`
-        groups: in, stream of `group_record`
-        features_at, lists_at, groups_at: in, addresses of the parts of the work area, in beats
-        features_max: in, number of features for which there is room
-        exceeded: out, there were more features, which were dropped
-        finish: in, no more items come
-        empty: out, nothing is inside
-        writes: out, streams of `write_record` to memory, one for each of `WRITING`
-
     **Timing**: two features in three cycles, a burst in one cycle per beat of the port, a group in
     one cycle.
     """
@@ -42,18 +30,17 @@ class Binned(wiring.Component):
         self.config = config
         enough(8 * FEATURE, feature_record(config).width, "FEATURE, bits of a splat's features")
         ports = {
-            "clear": In(1),
-            "features": In(stream.Signature(layout(feature_record(config)))),
-            "bursts": In(stream.Signature(layout(burst_record(config)))),
-            "groups": In(stream.Signature(layout(group_record()))),
-            "features_at": In(BEAT_ADDRESS_BITS),
-            "lists_at": In(BEAT_ADDRESS_BITS),
-            "groups_at": In(BEAT_ADDRESS_BITS),
-            "features_max": In(SPLAT_BITS),
-            "exceeded": Out(1),
-            "finish": In(1),
-            "empty": Out(1),
-            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
+            "clear": In(1),  # a frame begins
+            "features": In(stream_of(feature_record(config))),
+            "bursts": In(stream_of(burst_record(config))),
+            "groups": In(stream_of(group_record())),
+            "area": In(AREA),  # the work area
+            "features_max": In(SPLAT_BITS),  # number of features for which there is room
+            "exceeded": Out(1),  # there were more features, which were dropped
+            "finish": In(1),  # no more items come
+            "empty": Out(1),  # nothing is inside
+            # to memory, one for each of `WRITING`
+            "writes": Out(stream_of(write_record(config))).array(len(WRITING)),
         }
         super().__init__(ports)
 
@@ -71,7 +58,7 @@ class Binned(wiring.Component):
         room = number != self.features_max
         m.d.comb += [
             line.i.valid.eq(i.valid & room),
-            line.i.payload.slot.eq(self.features_at + number),
+            line.i.payload.slot.eq(self.area.features + number),
             line.i.payload.data.eq(i.payload.as_value()),
             line.flush.eq(self.finish),
             i.ready.eq(line.i.ready | ~room),
@@ -91,7 +78,7 @@ class Binned(wiring.Component):
         connect(m, store.writes, flipped(self.writes[WRITING.index("lists")]))
         burst = self.bursts.payload
         m.d.comb += store.i.valid.eq(self.bursts.valid)
-        m.d.comb += store.i.payload.beat.eq(self.lists_at + burst.address * beats)
+        m.d.comb += store.i.payload.beat.eq(self.area.lists + burst.address * beats)
         m.d.comb += [store.i.payload.data.eq(Cat(burst.slots)), self.bursts.ready.eq(store.i.ready)]
 
     def _groups(self, m: Module) -> WriteCombiner:
@@ -100,7 +87,7 @@ class Binned(wiring.Component):
         number, i = Signal(range(groups_max(self.config) + 1)), self.groups
         m.d.comb += [
             line.i.valid.eq(i.valid),
-            line.i.payload.slot.eq(Cat(0, self.groups_at) + number),
+            line.i.payload.slot.eq(Cat(0, self.area.groups) + number),
             line.i.payload.data.eq(i.payload.as_value()),
             i.ready.eq(line.i.ready),
             line.flush.eq(self.finish),

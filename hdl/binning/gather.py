@@ -23,11 +23,6 @@ class Gather(wiring.Component):
     Rows of tiles in the same row of groups wait until all have come; then the groups are visited
     column by column, while the next rows come in.
 
-    Members:
-        i: in, stream of `hdl.binning.rows.columns_layout`
-        o: out, stream of `part_layout`
-        busy: out, rows of a splat are inside
-
     **Timing**: one row and one group per cycle; latency 1 from the row that completes a row of
     groups. No multiplier.
     """
@@ -40,7 +35,7 @@ class Gather(wiring.Component):
         ports = {
             "i": In(stream.Signature(columns_layout(config))),
             "o": Out(stream.Signature(part_layout(config))),
-            "busy": Out(1),
+            "busy": Out(1),  # rows of a splat are inside
         }
         super().__init__(ports)
 

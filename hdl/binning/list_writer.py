@@ -1,12 +1,12 @@
 """Binning, last step: writes the groups' entries to linked lists in memory, in bursts."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib import data, enum, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import plus_one
 from splatcore.spec import binning
 from splatcore.spec.config import Config
@@ -30,20 +30,6 @@ class ListWriter(wiring.Component):
     per group. An entry that finds its group's buffer full completes a burst. If the page's last
     slot is next, the burst ends with the number of a new page instead, and the entry is the first
     one there. So a page is taken when an entry needs it, and an entry causes at most one burst.
-
-    Members:
-        i: in, stream of `bin_entry_record`
-        groups_count: in, number of groups of the image
-        pages: in, pages of list memory
-        finish: in, no more entries come: all groups are flushed and output in order; the next frame
-            begins when it is low again
-        bursts: out, stream of `burst_record`; bursts in pages beyond the last one are dropped
-        groups: out, stream of `group_record`
-        needed: out, pages taken so far in the frame, until the next one begins; saturates
-        exceeded: out, `needed` is above `pages`, until the next frame begins
-        empty: out, no entry is inside
-        taking: out, entries are accepted
-        done: out, all groups have been output
 
     Internal:
         state: the phase
@@ -72,17 +58,21 @@ class ListWriter(wiring.Component):
             }
         )
         ports = {
-            "i": In(stream.Signature(layout(binning.bin_entry_record(config)))),
-            "groups_count": In(range(self.count + 1)),
-            "pages": In(binning.PAGE_BITS),
+            "i": In(stream_of(binning.bin_entry_record(config))),
+            "groups_count": In(range(self.count + 1)),  # number of groups of the image
+            "pages": In(binning.PAGE_BITS),  # pages of list memory
+            # no more entries come: all groups are flushed and output in order; the next frame
+            # begins when it is low again
             "finish": In(1),
-            "bursts": Out(stream.Signature(layout(binning.burst_record(config)))),
-            "groups": Out(stream.Signature(layout(binning.group_record()))),
+            # bursts in pages beyond the last one are dropped
+            "bursts": Out(stream_of(binning.burst_record(config))),
+            "groups": Out(stream_of(binning.group_record())),
+            # pages taken so far in the frame, until the next one begins; saturates
             "needed": Out(binning.PAGE_BITS),
-            "exceeded": Out(1),
-            "empty": Out(1),
-            "taking": Out(1),
-            "done": Out(1),
+            "exceeded": Out(1),  # `needed` is above `pages`, until the next frame begins
+            "empty": Out(1),  # no entry is inside
+            "taking": Out(1),  # entries are accepted
+            "done": Out(1),  # all groups have been output
         }
         super().__init__(ports)
         self.state = Signal(State)

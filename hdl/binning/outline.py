@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import bits_for
 
 from splatcore.hdl.arithmetic.float import Unpack
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.shift import leading_zeros
 from splatcore.spec.binning import (
     FACTOR_FRACTION,
@@ -71,13 +71,6 @@ def pixel(shift: Value) -> Value:
 class Outline(wiring.Component):
     """Computes the outlines of the splats whose box touches the image.
 
-    Members:
-        i: in, stream of `splat_record`
-        width, height: in, of the image, pixels
-        room: in, a splat may be taken
-        seen: out, the splat that is being taken will have an outline
-        o: out, stream of `outline_layout`
-
     **Timing**: one splat every three cycles, latency 3; no multiplier. Three shifters for a splat's
     seven numbers: first widths and heights, then numbers that depend on their units, then those
     that depend on the normalised height; two shifters for a square's three numbers. The input is
@@ -91,11 +84,11 @@ class Outline(wiring.Component):
         widest = max(self.bits, FACTOR_FRACTION + 1)
         self.before = max(0, widest - self.format.fraction - 1)
         ports = {
-            "i": In(stream.Signature(layout(splat_record(config)))),
-            "width": In(range(config.side_max + 1)),
-            "height": In(range(config.side_max + 1)),
-            "room": In(1),
-            "seen": Out(1),
+            "i": In(stream_of(splat_record(config))),
+            "width": In(range(config.side_max + 1)),  # of the image, pixels
+            "height": In(range(config.side_max + 1)),  # of the image, pixels
+            "room": In(1),  # a splat may be taken
+            "seen": Out(1),  # the splat that is being taken will have an outline
             "o": Out(stream.Signature(outline_layout(config))),
         }
         super().__init__(ports)

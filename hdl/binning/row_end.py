@@ -22,15 +22,6 @@ class RowEnd(wiring.Component):
 
     The left end is the right end of the mirrored outline: lean and shear negated.
 
-    Members:
-        low, high: in, the band, within ± half
-        box: in, with the band: the half width is the end
-        lean, half, normalise: in, of the outline, with the band
-        shear: in, of the outline, two cycles after the band
-        slope: in, of the outline, `SLOPE_AT` cycles after the band
-        half_width: in, of the outline, `WIDTH_AT` cycles after the band
-        o: out, the end, `LATENCY` cycles after the band
-
     **Timing**: one band per cycle; it never stalls. Three multipliers of about `HALF_BITS` bits
     squared and a square root of `ROOT_BITS` bits per cycle.
     """
@@ -39,16 +30,16 @@ class RowEnd(wiring.Component):
         self.config = config
         t = signed(HALF_BITS + 1)
         ports = {
-            "low": In(t),
-            "high": In(t),
-            "box": In(1),
-            "lean": In(t),
-            "half": In(HALF_BITS),
-            "normalise": In(range(HALF_BITS)),
-            "shear": In(signed(FACTOR_FRACTION + 2)),
-            "slope": In(FACTOR_FRACTION + 2),
-            "half_width": In(HALF_BITS),
-            "o": Out(signed(END_BITS)),
+            "low": In(t),  # the band, within ± half
+            "high": In(t),  # the band, within ± half
+            "box": In(1),  # with the band: the half width is the end
+            "lean": In(t),  # of the outline, with the band
+            "half": In(HALF_BITS),  # of the outline, with the band
+            "normalise": In(range(HALF_BITS)),  # of the outline, with the band
+            "shear": In(signed(FACTOR_FRACTION + 2)),  # of the outline, two cycles after the band
+            "slope": In(FACTOR_FRACTION + 2),  # of the outline, `SLOPE_AT` cycles after the band
+            "half_width": In(HALF_BITS),  # of the outline, `WIDTH_AT` cycles after the band
+            "o": Out(signed(END_BITS)),  # the end, `LATENCY` cycles after the band
         }
         super().__init__(ports)
 

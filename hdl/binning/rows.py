@@ -37,13 +37,6 @@ class Rows(wiring.Component):
     The path never stalls: a row starts if it will find room in the queue behind it. Parts of an
     outline that are needed late wait in two small memories.
 
-    Members:
-        i: in, stream of `hdl.binning.outline.outline_layout`
-        width: in, of the image, pixels
-        o: out, stream of `columns_layout`
-        row: out, a row starts
-        busy: out, something is inside
-
     **Timing**: one row per cycle, also from one outline to the next; latency `LATENCY` + 3, for
     squares `SQUARE_LATENCY` + 3. Multipliers of two `RowEnd`; squares need none, and no memories.
     """
@@ -57,10 +50,10 @@ class Rows(wiring.Component):
         self.queue = Queue(columns_layout(config), ROWS_WAITING, memory=True)
         ports = {
             "i": In(stream.Signature(outline_layout(config))),
-            "width": In(range(config.side_max + 1)),
+            "width": In(range(config.side_max + 1)),  # of the image, pixels
             "o": Out(stream.Signature(columns_layout(config))),
-            "row": Out(1),
-            "busy": Out(1),
+            "row": Out(1),  # a row starts
+            "busy": Out(1),  # something is inside
         }
         super().__init__(ports)
 

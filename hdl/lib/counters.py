@@ -27,11 +27,6 @@ def count_events(m: Module, part: wiring.Component, events: Mapping[str, ValueLi
 class Counters(wiring.Component):
     """Counts events, each in its own register, which stops near its maximum.
 
-    Members:
-        event: in, one bit per name, high for one cycle per event
-        clear: in, all counts are 0 in the next cycle, and events in flight are dropped
-        value: out, the counts, `bits` bits per name
-
     **Timing**: a count changes three cycles after its event: events come late in their cycle, and
     the carry between the halves of a count is registered, so that no path is long.
     """
@@ -39,8 +34,10 @@ class Counters(wiring.Component):
     def __init__(self, names: tuple[str, ...], bits: int = COUNTER_BITS):
         self.names, self.half = names, bits // 2
         ports = {
+            # one bit per name, high for one cycle per event
             "event": In(data.StructLayout(dict.fromkeys(names, 1))),
-            "clear": In(1),
+            "clear": In(1),  # all counts are 0 in the next cycle, and events in flight are dropped
+            # the counts, `bits` bits per name
             "value": Out(data.StructLayout(dict.fromkeys(names, bits))),
         }
         super().__init__(ports)

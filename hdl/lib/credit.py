@@ -21,13 +21,6 @@ class Credit(wiring.Component):
         step: maximum number of items that come in one cycle
         begin: count after reset
 
-    Members:
-        comes: in, number of items that come in this cycle, 0 … `step`
-        goes: in, one item goes
-        count: out, items in flight, 0 … `most`
-        room: out, there is room for one more item
-        any: out, the count is not 0
-
     **Timing**: `count`, `room` and `any` show the cycles before. No combinational path. The
     flip-flops of `count`; no multiplier.
     """
@@ -36,11 +29,11 @@ class Credit(wiring.Component):
         if not 1 <= step <= most:
             raise ValueError(f"{items}: step {step} is not in 1 … {most}")
         ports = {
-            "comes": In(range(step + 1)),
-            "goes": In(1),
-            "count": Out(range(most + 1), init=begin),
-            "room": Out(1),
-            "any": Out(1),
+            "comes": In(range(step + 1)),  # number of items that come in this cycle, 0 … `step`
+            "goes": In(1),  # one item goes
+            "count": Out(range(most + 1), init=begin),  # items in flight, 0 … `most`
+            "room": Out(1),  # there is room for one more item
+            "any": Out(1),  # the count is not 0
         }
         super().__init__(ports)
         self.most, self.step, self.items = most, step, items

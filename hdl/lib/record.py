@@ -1,7 +1,7 @@
 """Amaranth layouts of the records of `spec.record`, and layouts that several parts share."""
 
 from amaranth.hdl import Shape, unsigned
-from amaranth.lib import data
+from amaranth.lib import data, stream
 
 from splatcore.spec.axi import BEAT_ADDRESS_BITS
 from splatcore.spec.config import Config
@@ -19,9 +19,14 @@ def layout(record: Record) -> data.StructLayout:
     """Return the layout with the record's fields at the record's offsets.
 
     Nested records and arrays become layouts; a number of any format becomes its code, an unsigned
-    bit vector. A stream of records is `stream.Signature(layout(RECORD))`.
+    bit vector.
     """
     return data.StructLayout({field: _shape(format) for field, format in record.fields})
+
+
+def stream_of(record: Record) -> stream.Signature:
+    """Signature of a stream of records."""
+    return stream.Signature(layout(record))
 
 
 def _shape(format: Format) -> data.Layout | Shape:
@@ -31,6 +36,11 @@ def _shape(format: Format) -> data.Layout | Shape:
     if isinstance(format, Array):
         return data.ArrayLayout(_shape(format.format), format.length)
     return unsigned(format.width)
+
+
+def same_fields(target: data.View, source: data.View) -> list:
+    """Assign each field of `target` from the field of `source` with the same name."""
+    return [target[name].eq(source[name]) for name in target.shape().members]
 
 
 def frame_layout(config: Config) -> data.StructLayout:

@@ -41,10 +41,6 @@ class Register(wiring.Component):
 
     The second register takes the item that is in flight when the output stalls.
 
-    Members:
-        i: in, stream of `shape`
-        o: out, stream of `shape`
-
     Internal:
         head, spare: the item at `o`, and the one behind it
         full: `spare` holds an item
@@ -76,10 +72,6 @@ class Slot(wiring.Component):
 
     `i.ready` is a flip-flop, so it can drive long combinational logic.
 
-    Members:
-        i: in, stream of `shape`
-        o: out, stream of `shape`
-
     **Timing**: latency 1, one item every other cycle, no path; no multiplier.
     """
 
@@ -100,10 +92,6 @@ class Slot(wiring.Component):
 
 class Stage(wiring.Component):
     """One register, which takes an item in the cycle in which it passes one on.
-
-    Members:
-        i: in, stream of `shape`
-        o: out, stream of `shape`
 
     **Timing**: latency 1, one item per cycle. A path from `o.ready` to `i.ready`. No multiplier.
     """
@@ -127,11 +115,6 @@ class Queue(wiring.Component):
     cycle later and holds its answer, like on-chip SRAM; no row is written and read in the same
     cycle. Such a queue is at least `MEMORY_DEPTH_MIN` deep.
 
-    Members:
-        i: in, stream of `shape`
-        o: out, stream of `shape`
-        level: out, number of items inside, including the one at `o`, 0 … `depth`
-
     Internal:
         write, read: rows of the next write and of the next read
 
@@ -145,6 +128,7 @@ class Queue(wiring.Component):
         ports = {
             "i": In(stream.Signature(shape)),
             "o": Out(stream.Signature(shape)),
+            # number of items inside, including the one at `o`, 0 … `depth`
             "level": Out(range(depth + 1)),
         }
         super().__init__(ports)
@@ -205,10 +189,6 @@ def soon(m: Module, name: str, answer: stream.Interface, logic: str) -> stream.I
 class Fork(wiring.Component):
     """Copies every item to each of `count` outputs, each of which takes it at its own pace.
 
-    Members:
-        i: in, stream of `shape`
-        o: out, `count` streams of `shape`; none waits for another to take the same item
-
     Internal:
         taken: outputs that have had the item at `i`
 
@@ -219,8 +199,12 @@ class Fork(wiring.Component):
     def __init__(self, shape: ShapeLike, count: int):
         if count < 1:
             raise ValueError(f"a fork to {count} outputs, below 1")
-        outputs = Out(stream.Signature(shape)).array(count)
-        super().__init__({"i": In(stream.Signature(shape)), "o": outputs})
+        ports = {
+            "i": In(stream.Signature(shape)),
+            # none waits for another to take the same item
+            "o": Out(stream.Signature(shape)).array(count),
+        }
+        super().__init__(ports)
         self.taken = Signal(count)
 
     def elaborate(self, platform) -> Module:
@@ -251,12 +235,6 @@ class Pipe(wiring.Component):
             datapath.enable.eq(pipe.enable),
         ]
 
-    Members:
-        i: in, `HANDSHAKE`
-        o: out, `HANDSHAKE`
-        enable: out, the datapath's registers load at the end of this cycle
-        valid: out, `latency` bits; bit k: the registers after k + 1 cycles hold an item
-
     **Timing**: latency `latency` enabled cycles, one item per cycle. A path from `o.ready` to
     `i.ready` and `enable`; a `Register` behind the pipe cuts it. No multiplier.
     """
@@ -264,7 +242,12 @@ class Pipe(wiring.Component):
     def __init__(self, latency: int):
         if latency < 1:
             raise ValueError(f"a pipe of latency {latency}, below 1")
-        ports = {"i": In(HANDSHAKE), "o": Out(HANDSHAKE), "enable": Out(1), "valid": Out(latency)}
+        ports = {
+            "i": In(HANDSHAKE),
+            "o": Out(HANDSHAKE),
+            "enable": Out(1),  # the datapath's registers load at the end of this cycle
+            "valid": Out(latency),  # bit k: the registers after k + 1 cycles hold an item
+        }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:

@@ -7,7 +7,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded
 from splatcore.hdl.lib.stream import Register
 from splatcore.hdl.memory.bus import axi, fixed
@@ -57,29 +57,6 @@ class Axi(wiring.Component):
     Each client is a stream and works for one half. Reads of one reader stay in order, as do bursts
     of one writer.
 
-    Members:
-        m_axi: out, the port
-        reads: in, streams of `read_record`, one per reader in the order of `READERS`
-        data: out, streams of `read_beat`, the beats read; a reader that stalls keeps all others
-            waiting
-        writes: in, streams of `write_record`, one per writer in the order of `WRITERS`; after a
-            burst's first beat the writer offers the others without waiting for anything else
-        read_windows, write_windows: in, only if there are windows (`client_windows`): the window of
-            the burst that a client offers, for a write with its first beat
-        favoured: in, one bit per half: its writers come before the other's; applies to new bursts
-        patient: in, one bit per writer: it comes after all others, and not while a half waits for
-            `CROWD` bursts or more, with which it would share memory; applies to new bursts
-        failing: in, one bit per half: no new burst begins for it, data for it is dropped, and its
-            burst being written ends without strobes. Reset its clients meanwhile: data is not sent
-            again.
-        idle: out, one bit per half: none of its bursts is in flight
-        settled: out, one bit per writer: all beats taken before this cycle are in memory
-        read_error, write_error: out, `CLIENT_ERROR`, possibly several per burst read
-        stray: out, `STRAY`, an answer that is dropped: its ID is no client's, or no request it
-            could answer has left: a read of its half, or the writer's burst with address and last
-            beat
-        beats_read, beats_written: out, one bit per client: a beat has passed
-
     Internal:
         asked, bursts, inside, left, owner, r_full, r_client, r_error: state
 
@@ -92,21 +69,36 @@ class Axi(wiring.Component):
         self.config = config
         write = layout(spec.write_record(config))
         ports = {
-            "m_axi": Out(axi(config)),
-            "reads": In(stream.Signature(layout(spec.read_record()))).array(len(spec.READERS)),
+            "m_axi": Out(axi(config)),  # the port
+            # one per reader in the order of `READERS`
+            "reads": In(stream_of(spec.read_record())).array(len(spec.READERS)),
+            # the beats read; a reader that stalls keeps all others waiting
             "data": Out(stream.Signature(read_beat(config))).array(len(spec.READERS)),
+            # `write_record`, one per writer in the order of `WRITERS`; after a burst's first beat
+            # the writer offers the others without waiting for anything else
             "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
+            # one bit per half: its writers come before the other's; applies to new bursts
             "favoured": In(len(HALVES)),
+            # one bit per writer: it comes after all others, and not while a half waits for `CROWD`
+            # bursts or more, with which it would share memory; applies to new bursts
             "patient": In(len(spec.WRITERS)),
+            # one bit per half: no new burst begins for it, data for it is dropped, and its burst
+            # being written ends without strobes. Reset its clients meanwhile: data is not sent
+            # again.
             "failing": In(len(HALVES)),
-            "idle": Out(len(HALVES)),
+            "idle": Out(len(HALVES)),  # one bit per half: none of its bursts is in flight
+            # one bit per writer: all beats taken before this cycle are in memory
             "settled": Out(len(spec.WRITERS)),
-            "read_error": Out(CLIENT_ERROR),
-            "write_error": Out(CLIENT_ERROR),
+            "read_error": Out(CLIENT_ERROR),  # possibly several per burst read
+            "write_error": Out(CLIENT_ERROR),  # possibly several per burst read
+            # an answer that is dropped: its ID is no client's, or no request it could answer has
+            # left: a read of its half, or the writer's burst with address and last beat
             "stray": Out(STRAY),
-            "beats_read": Out(len(spec.READERS)),
-            "beats_written": Out(len(spec.WRITERS)),
+            "beats_read": Out(len(spec.READERS)),  # one bit per client: a beat has passed
+            "beats_written": Out(len(spec.WRITERS)),  # one bit per client: a beat has passed
         }
+        # `read_windows` and `write_windows`, if there are windows: of the burst that a client
+        # offers, for a write with its first beat
         windows = client_windows(config, len(spec.READERS), len(spec.WRITERS))
         super().__init__(ports | {name: In(shape) for name, shape in windows.items()})
         fields = {"client": spec.ID_BITS, "burst": layout(spec.read_record())}

@@ -7,17 +7,10 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import holds, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Stage, passes
 from splatcore.hdl.memory.axi import read_beat
-from splatcore.spec.axi import (
-    BURST_BEATS,
-    DATA_BITS,
-    LENGTH_BITS,
-    port_beats,
-    range_record,
-    read_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.config import Config
 from splatcore.spec.group import ENTRY_BITS
 
@@ -38,14 +31,6 @@ class Fetch(wiring.Component):
         burst: beats of the machine per burst
         marks: whether ranges have a mark
 
-    Members:
-        i: in, stream of `range_record`
-        reads: out, stream of `read_record`, to the memory port
-        data: in, stream of `read_beat`, from the memory port
-        o: out, stream of beats of the port
-        marks: in, only if `marks`: mark of the range at `i`
-        marked: out, only if `marks`: mark of the burst at `reads`
-
     Internal:
         rest, sized, size: rest of the range; a burst waits to be requested; its beats
 
@@ -60,14 +45,14 @@ class Fetch(wiring.Component):
         config: Config,
         depth: int,
         count_bits: int,
-        burst: int = BURST_BEATS,
+        burst: int = axi.BURST_BEATS,
         marks: bool = False,
     ):
         if depth < burst:
             raise ValueError(f"a queue of {depth} beats, below a burst of {burst}")
-        self.beats, self.logic = port_beats(config), config.logic
+        self.beats, self.logic = axi.port_beats(config), config.logic
         self.burst, self.depth = burst // self.beats, depth // self.beats  # of the port's
-        self.range = layout(range_record(count_bits))
+        self.range = layout(axi.range_record(count_bits))
         self.queue = Queue(config.port, self.depth, memory=True)
         name = "beats in the queue or in flight"
         self.used = Credit(self.depth, name, step=self.burst)
@@ -75,12 +60,15 @@ class Fetch(wiring.Component):
         self.size = Signal(range(self.burst + 1), reset_less=True)
         ports = {
             "i": In(stream.Signature(self.range)),
-            "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat(config))),
-            "o": Out(stream.Signature(config.port)),
+            "reads": Out(stream_of(axi.read_record())),  # to the memory port
+            "data": In(stream.Signature(read_beat(config))),  # from the memory port
+            "o": Out(stream.Signature(config.port)),  # beats of the port
         }
         self.has_marks = marks
-        super().__init__(ports | ({"marks": In(1), "marked": Out(1)} if marks else {}))
+        if marks:
+            ports["marks"] = In(1)  # mark of the range at `i`
+            ports["marked"] = Out(1)  # mark of the burst at `reads`
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -112,7 +100,7 @@ class Fetch(wiring.Component):
             length = Mux(ends, rest.count[: len(beats)], to_boundary)
             m.d.sync += [
                 burst["beat"].eq(rest.beat),
-                burst["length"].eq((length - 1)[:LENGTH_BITS]),
+                burst["length"].eq((length - 1)[: axi.LENGTH_BITS]),
                 beats.eq(length),
                 first.eq(Cat(Const(0, len(offset)), first[len(offset) :] + 1)),
                 rest.count.eq(rest.count - to_boundary),
@@ -149,12 +137,6 @@ class Unpack(wiring.Component):
         slot: bits per slot
         ranges: number of ranges that may wait for their beats
 
-    Members:
-        counts: in, stream of the number of slots of each range, at least 1; the rest of a range's
-            last beat is dropped
-        beats: in, stream of the ranges' beats
-        o: out, stream of slots
-
     **Timing**: one slot per cycle, latency 0 from a beat. A path from `o.ready` to `beats.ready`.
     """
 
@@ -164,9 +146,11 @@ class Unpack(wiring.Component):
         self.slot = slot
         self.counts_waiting = Queue(count_bits, ranges) if ranges > 1 else Stage(count_bits)
         ports = {
+            # the number of slots of each range, at least 1; the rest of a range's last beat is
+            # dropped
             "counts": In(stream.Signature(count_bits)),
-            "beats": In(stream.Signature(config.port)),
-            "o": Out(stream.Signature(slot)),
+            "beats": In(stream.Signature(config.port)),  # the ranges' beats
+            "o": Out(stream.Signature(slot)),  # slots
         }
         super().__init__(ports)
 
@@ -198,19 +182,18 @@ class FetchBeats(wiring.Component):
     """Reads ranges of beats; returns the machine's beats in order: `Fetch`, and `Unpack` if the
     port's beats are wider.
 
-    Members:
-        i: in, stream of `range_record`
-        reads: out, stream of `read_record`, to the memory port
-        data: in, stream of `read_beat`, from the memory port
-        o: out, stream of beats of the machine
-
     **Timing**: as `Fetch`.
     """
 
     def __init__(self, config: Config, depth: int, count_bits: int):
         self.config, self.fetch = config, Fetch(config, depth, count_bits)
-        ports = dict(self.fetch.signature.members)
-        super().__init__(ports | {"o": Out(stream.Signature(DATA_BITS))})
+        ports = {
+            "i": In(stream_of(axi.range_record(count_bits))),
+            "reads": Out(stream_of(axi.read_record())),  # to the memory port
+            "data": In(stream.Signature(read_beat(config))),  # from the memory port
+            "o": Out(stream.Signature(axi.DATA_BITS)),  # beats of the machine
+        }
+        super().__init__(ports)
         self.count_bits = count_bits
 
     def elaborate(self, platform) -> Module:
@@ -223,7 +206,7 @@ class FetchBeats(wiring.Component):
             connect(m, outside.i, fetch.i)
             connect(m, fetch.o, outside.o)
             return m
-        m.submodules.unpack = unpack = Unpack(self.config, self.count_bits, DATA_BITS)
+        m.submodules.unpack = unpack = Unpack(self.config, self.count_bits, axi.DATA_BITS)
         connect(m, fetch.o, unpack.beats)
         connect(m, unpack.o, outside.o)
         m.d.comb += [  # a range goes to both at once

@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import read_record
 from splatcore.spec.config import Config
@@ -15,21 +15,18 @@ READERS = 2
 class Share(wiring.Component):
     """Shares the port between two readers, burst by burst; the first reader has priority.
 
-    Members:
-        i: in, two streams of `read_record`, the readers' bursts
-        o: out, two streams of `read_beat`, their beats
-        reads: out, stream of `read_record`, to the memory port
-        data: in, stream of `read_beat`, from the memory port
-
     **Timing**: one burst in flight at a time; a request has a latency of one cycle, and two cycles
     pass from the last beat of a burst to the next request. Beats pass at once. No multiplier.
     """
 
     def __init__(self, config: Config):
-        request = stream.Signature(layout(read_record()))
-        beat = stream.Signature(read_beat(config))
-        ports = {"i": In(request).array(READERS), "o": Out(beat).array(READERS)}
-        super().__init__(ports | {"reads": Out(request), "data": In(beat)})
+        ports = {
+            "i": In(stream_of(read_record())).array(READERS),  # the readers' bursts
+            "o": Out(stream.Signature(read_beat(config))).array(READERS),  # their beats
+            "reads": Out(stream_of(read_record())),  # to the memory port
+            "data": In(stream.Signature(read_beat(config))),  # from the memory port
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, port_beats, write_record
 from splatcore.spec.config import Config
@@ -17,10 +17,6 @@ class Store(wiring.Component):
     Parameters:
         beats: beats of the machine per item
 
-    Members:
-        i: in, stream of {beat, data}: an item and its address in beats, a multiple of its beats
-        writes: out, stream of `write_record`
-
     **Timing**: one beat of the port per cycle, latency 0. A path from `writes.ready` to `i.ready`.
     """
 
@@ -28,8 +24,9 @@ class Store(wiring.Component):
         self.config, self.beats = config, beats
         item = data.StructLayout({"beat": BEAT_ADDRESS_BITS, "data": beats * DATA_BITS})
         ports = {
+            # {beat, data}: an item and its address in beats, a multiple of its beats
             "i": In(stream.Signature(item)),
-            "writes": Out(stream.Signature(layout(write_record(config)))),
+            "writes": Out(stream_of(write_record(config))),
         }
         super().__init__(ports)
 

@@ -17,18 +17,17 @@ def selected(chosen: Value, values: list) -> Value:
 class Turns(wiring.Component):
     """A round-robin arbiter.
 
-    Members:
-        wants: in, one bit per client: it requests
-        favoured: in, one bit per client: it comes before the others
-        chosen: out, one-hot, the chosen client; 0 without requests
-        served: in, the chosen client has had its turn
-
     **Timing**: combinational from `wants` to `chosen`.
     """
 
     def __init__(self, count: int):
-        bits = dict.fromkeys(("wants", "favoured"), In(count))
-        super().__init__(bits | {"chosen": Out(count), "served": In(1)})
+        ports = {
+            "wants": In(count),  # one bit per client: it requests
+            "favoured": In(count),  # one bit per client: it comes before the others
+            "chosen": Out(count),  # one-hot, the chosen client; 0 without requests
+            "served": In(1),  # the chosen client has had its turn
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec.axi import DATA_BITS, port_beats, read_record
@@ -24,12 +24,6 @@ class Words(wiring.Component):
     Parameters:
         most: maximum length of a burst, beats
 
-    Members:
-        i: in, stream of `read_record`, lengths in beats of the machine
-        o: out, stream of beats of the machine
-        reads: out, stream of `read_record`, to memory
-        data: in, stream of `read_beat`, from memory
-
     **Timing**: one burst requested per cycle, one beat out per cycle, no latency. A path from
     `reads.ready` to `i.ready`, and one from `o.ready` to `data.ready`. No multiplier.
     """
@@ -40,10 +34,10 @@ class Words(wiring.Component):
         self.burst = data.StructLayout({"upper": 1, "left": range(most), "kept": 1})
         self.waiting = Queue(self.burst, BURSTS_WAITING)
         ports = {
-            "i": In(stream.Signature(layout(read_record()))),
-            "o": Out(stream.Signature(DATA_BITS)),
-            "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat(config))),
+            "i": In(stream_of(read_record())),  # lengths in beats of the machine
+            "o": Out(stream.Signature(DATA_BITS)),  # beats of the machine
+            "reads": Out(stream_of(read_record())),  # to memory
+            "data": In(stream.Signature(read_beat(config))),  # from memory
         }
         super().__init__(ports)
 

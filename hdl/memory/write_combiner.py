@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.memory.axi import write_data
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, LINE_BEATS, write_record
 from splatcore.spec.config import Config
@@ -21,13 +21,6 @@ class WriteCombiner(wiring.Component):
     Parameters:
         size: bytes per slot
 
-    Members:
-        i: in, stream of {slot, data}: address in slots, and data
-        flush: in, write the gathered slots
-        writes: out, stream of `write_record`: one burst of `LINE_BEATS` beats per line, without
-            strobes for missing slots
-        empty: out, all slots that came have been taken from `writes`
-
     **Timing**: a line of consecutive slots takes one cycle more than it has slots: while its second
     beat is offered, slots of the next line's first beat are taken. No path, no multiplier. A port
     as wide as a line has no second beat.
@@ -39,10 +32,11 @@ class WriteCombiner(wiring.Component):
         address = BEAT_ADDRESS_BITS + exact_log2(BEAT // size)
         slot = data.StructLayout({"slot": address, "data": size * 8})
         ports = {
-            "i": In(stream.Signature(slot)),
-            "flush": In(1),
-            "writes": Out(stream.Signature(layout(write_record(config)))),
-            "empty": Out(1),
+            "i": In(stream.Signature(slot)),  # {slot, data}: address in slots, and data
+            "flush": In(1),  # write the gathered slots
+            # one burst of `LINE_BEATS` beats per line, without strobes for missing slots
+            "writes": Out(stream_of(write_record(config))),
+            "empty": Out(1),  # all slots that came have been taken from `writes`
         }
         super().__init__(ports)
         self.line_bits = address - exact_log2(self.slots)

@@ -15,14 +15,10 @@ from splatcore.hdl.arithmetic.add import MultiplyAdd
 from splatcore.hdl.arithmetic.minmax import Clamp, Maximum
 from splatcore.hdl.arithmetic.unary import Reciprocal, Rsqrt
 from splatcore.hdl.points.compensation import Fade, Log, LogSum, Minor, Product
+from splatcore.hdl.points.state import codes
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import COMPENSATION_UNITS, Program
 from splatcore.spec.schedule import Place, latencies, pes, schedule
-
-
-def codes(config: Config, names: tuple[str, ...]) -> data.StructLayout:
-    """Layout with a float of `Config.arithmetic` for each name."""
-    return data.StructLayout({name: config.arithmetic.width for name in names})
 
 
 class Array(wiring.Component):
@@ -38,15 +34,6 @@ class Array(wiring.Component):
         held: `i.payload` is stable while an item is inside and fields are read from there; so only
             one item is inside at a time
         stalls: whether `o.ready` may be low; an array that never stalls needs no enables
-
-    Members:
-        i: in, stream of {fields, carried}: the program's fields that are not late, and the data
-        late: in, only if there are late fields: each is sampled in the last phase of the round
-            before its own
-        constants: in, the program's constants; may change while no item is inside
-        o: out, stream of {outputs, carried}, in the same order
-        phase: out, one-hot, the present cycle of the round
-        rounds: out, {valid, carried} of the item in each round
 
     **Timing**: one item every `plan.interval` cycles, taken in the last phase of a round; its
     outputs come `plan.length` + 1 cycles later, outputs in `plan.early` sooner. While `o` is not
@@ -71,13 +58,18 @@ class Array(wiring.Component):
         self.inside = data.StructLayout({"valid": 1, **extra})
         self.round_count = self.plan.length // self.plan.interval + 1
         ports = {
+            # {fields, carried}: the program's fields that are not late, and the data
             "i": In(stream.Signature(data.StructLayout({"fields": codes(config, early), **extra}))),
+            # each is sampled in the last phase of the round before its own
             "late": In(codes(config, tuple(late or ()))),
+            # the program's constants; may change while no item is inside
             "constants": In(codes(config, program.constants)),
+            # {outputs, carried}, in the same order
             "o": Out(stream.Signature(
                 data.StructLayout({"outputs": codes(config, program.outputs), **extra})
             )),
-            "phase": Out(self.plan.interval, init=1),
+            "phase": Out(self.plan.interval, init=1),  # one-hot, the present cycle of the round
+            # {valid, carried} of the item in each round
             "rounds": Out(data.ArrayLayout(self.inside, self.round_count)),
         }  # fmt: skip
         if not late:

@@ -6,20 +6,11 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import frame_layout
+from splatcore.spec import work
 from splatcore.spec.binning import groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.registers import ALIGNED, CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
-from splatcore.spec.work import (
-    FEATURE,
-    PIXEL,
-    SLOT,
-    STRIDE_ALIGNMENT,
-    WORK_ALIGNMENT,
-    aligned,
-    page_bytes,
-    scratch_bytes,
-)
 
 LATENCY = 2
 """Cycles from the registers to the result."""
@@ -32,19 +23,18 @@ class Check(wiring.Component):
     except the model ends within 4 GiB: the table of groups of the largest image, list pages and
     features of both work areas, scratch memory, all rows of the image.
 
-    Members:
-        frame: in, `frame_layout`, the registers
-        error: out, `ErrorCode`, NONE if the frame is valid
-        detail: out, detail of the error
-
     **Timing**: `LATENCY` cycles. One multiplier of HEIGHT's and STRIDE's bits for the image's end,
     and one of the numbers of groups along both sides.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        ports = {"frame": In(frame_layout(config)), "error": Out(CODE_BITS)}
-        super().__init__(ports | {"detail": Out(DETAIL_BITS)})
+        ports = {
+            "frame": In(frame_layout(config)),  # the registers
+            "error": Out(CODE_BITS),  # `ErrorCode`, NONE if the frame is valid
+            "detail": Out(DETAIL_BITS),  # detail of the error
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -77,7 +67,7 @@ class Check(wiring.Component):
         return [
             wrong["width"] | too_many,
             wrong["height"],
-            (frame.stride < frame.width * PIXEL) | (frame.stride % STRIDE_ALIGNMENT != 0),
+            (frame.stride < frame.width * work.PIXEL) | (frame.stride % work.STRIDE_ALIGNMENT != 0),
         ]
 
     def _unaligned(self) -> dict[str, Value]:
@@ -91,21 +81,21 @@ class Check(wiring.Component):
         """Whether the data at a register's address ends beyond the last address."""
         frame, config = self.frame, self.config
         lengths = {
-            "GROUPS": Const(aligned(groups_max(config) * SLOT) // WORK_ALIGNMENT),
-            "LISTS": units(frame.lists_pages, page_bytes(config)),
-            "FEATURES": units(frame.features_max, FEATURE),
-            "SCRATCH": Const(scratch_bytes(config) // WORK_ALIGNMENT),
+            "GROUPS": Const(work.aligned(groups_max(config) * work.SLOT) // work.WORK_ALIGNMENT),
+            "LISTS": units(frame.lists_pages, work.page_bytes(config)),
+            "FEATURES": units(frame.features_max, work.FEATURE),
+            "SCRATCH": Const(work.scratch_bytes(config) // work.WORK_ALIGNMENT),
         }
         found = {}
         for name, length in lengths.items():
-            at = frame[name.lower()][exact_log2(WORK_ALIGNMENT) :]
-            behind = 0 if name == "SCRATCH" else frame.work_area[exact_log2(WORK_ALIGNMENT) :]
+            at = frame[name.lower()][exact_log2(work.WORK_ALIGNMENT) :]
+            behind = 0 if name == "SCRATCH" else frame.work_area[exact_log2(work.WORK_ALIGNMENT) :]
             begin = Signal(len(at) + 1, name=f"{name.lower()}_begin", reset_less=True)
             m.d.sync += begin.eq(at + behind)
             found[name] = begin + length > 1 << len(at)
-        at = frame.pixels[exact_log2(STRIDE_ALIGNMENT) :]
+        at = frame.pixels[exact_log2(work.STRIDE_ALIGNMENT) :]
         size = Signal(len(frame.height) + len(frame.stride), reset_less=True)
-        m.d.sync += size.eq(frame.height * frame.stride[exact_log2(STRIDE_ALIGNMENT) :])
+        m.d.sync += size.eq(frame.height * frame.stride[exact_log2(work.STRIDE_ALIGNMENT) :])
         return found | {"PIXELS": at + size > 1 << len(at)}
 
 
@@ -114,7 +104,7 @@ def units(count: Value, each: int) -> Value:
 
     each: a divisor or a multiple of `WORK_ALIGNMENT`
     """
-    if each >= WORK_ALIGNMENT:
-        return count << exact_log2(each // WORK_ALIGNMENT)
-    shift = exact_log2(WORK_ALIGNMENT // each)
+    if each >= work.WORK_ALIGNMENT:
+        return count << exact_log2(each // work.WORK_ALIGNMENT)
+    shift = exact_log2(work.WORK_ALIGNMENT // each)
     return (count + (1 << shift) - 1) >> shift

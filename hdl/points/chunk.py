@@ -1,27 +1,19 @@
 """Front of stage 0: values that a chunk's points share, and skipping of chunks out of view."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
-from splatcore.hdl.arithmetic.convert import Convert, FromFixed
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.arithmetic.convert import Convert, FromFixed, converted
+from splatcore.hdl.lib.record import same_fields, stream_of
 from splatcore.hdl.lib.stream import judged
-from splatcore.hdl.points.array import Array, codes
-from splatcore.spec import frame, microprogram, programs
+from splatcore.hdl.points.array import Array
+from splatcore.hdl.points.state import ModelState, frame_state
+from splatcore.spec import microprogram, point, programs
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
-from splatcore.spec.point import (
-    AWAY,
-    BEATS_BITS,
-    EXPONENT,
-    GAUSSIAN_BITS,
-    NUMBER_BITS,
-    PLACE_BITS,
-    chunk_record,
-)
 from splatcore.spec.programs import CORNER_STEPS
 
 AXES = "xyz"
@@ -46,14 +38,6 @@ class Chunk(wiring.Component):
     band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
     bounds; then no chunk is skipped.
 
-    Members:
-        i: in, stream of `CHUNK_HEADER`, in the order of the model
-        gaussians: in, number of Gaussians in the model, at least 1; with the last chunk a frame
-            ends, and the next header belongs to chunk 0
-        camera, position_exponent, near_plane, constants: in, registers of the model and the frame
-        o: out, stream of `chunk_record`
-        taken: out, a header is done, kept or skipped, high for one cycle
-
     **Timing**: one PE; a header every `plan.length` + 15 cycles (`DEFAULT`: 38, while the points of
     a full chunk take 1024). One header at a time, so its numbers need not be carried along.
     """
@@ -61,23 +45,21 @@ class Chunk(wiring.Component):
     def __init__(self, config: Config):
         self.config, self.program = config, microprogram.program("chunk")
         ports = {
-            "i": In(stream.Signature(layout(CHUNK_HEADER))),
-            "gaussians": In(GAUSSIAN_BITS),
-            "camera": In(data.ArrayLayout(signed(frame.CAMERA.width), 3)),
-            "position_exponent": In(signed(EXPONENT.width)),
-            "near_plane": In(config.arithmetic.width),
-            "constants": In(codes(config, self.program.constants)),
-            "o": Out(stream.Signature(layout(chunk_record(config)))),
-            "taken": Out(1),
+            "i": In(stream_of(CHUNK_HEADER)),  # in the order of the model
+            "frame": In(frame_state(config)),
+            # with the last chunk a frame ends, and the next header belongs to chunk 0
+            "model": In(ModelState),
+            "o": Out(stream_of(point.chunk_record(config))),
+            "taken": Out(1),  # a header is done, kept or skipped, high for one cycle
         }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.array = self.array = Array(self.config, self.program, held=True)
-        self.number = Signal(NUMBER_BITS)
+        self.number = Signal(point.NUMBER_BITS)
         # Beats of attributes of all earlier chunks, over CHUNK: only a model's last has fewer.
-        self.beats = Signal(BEATS_BITS - PLACE_BITS)
+        self.beats = Signal(point.BEATS_BITS - point.PLACE_BITS)
         self._run(m, *self._converted(m))
         self._give(m)
         return m
@@ -89,34 +71,34 @@ class Chunk(wiring.Component):
         """
         header, format = self.i.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
-        m.submodules.convert = convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
-        way = Signal(signed(AWAY.width))
+        m.submodules.convert = convert = FromFixed(point.AWAY, format, CONVERT_LATENCY, scale)
+        way = Signal(signed(point.AWAY.width))
         # One-hot: a step for each axis of the low ends, then of the high ends, then the steps that
         # the converter takes.
         step = Signal(2 * len(AXES) + CONVERT_LATENCY + 2, init=1)
         low_ends, high_ends = step[: len(AXES)], step[len(AXES) :][: len(AXES)]
-        converted = step[-1]
+        done = step[-1]
         high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # the converter outputs a high end
         origin = _chosen(low_ends | high_ends, header.origin).as_signed()
-        eye = _chosen(low_ends | high_ends, self.camera).as_signed()
+        eye = _chosen(low_ends | high_ends, self.frame.camera).as_signed()
         # The largest offset with this extent is below the smallest offset with the next extent.
         end = (_chosen(high_ends, header.extent) + high_ends.any()) << EXTENT_SHIFT
-        span = (end << _chosen(high_ends, header.shift))[: AWAY.width]
+        span = (end << _chosen(high_ends, header.shift))[: point.AWAY.width]
         m.d.sync += way.eq(origin + span - eye)
         m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
-        m.d.comb += convert.scale.eq(self.position_exponent)
+        m.d.comb += convert.scale.eq(self.model.position_exponent)
         values = [
             Signal(format.width, name=f"{end}_{axis}", reset_less=True)
             for end in ("low", "high")
             for axis in AXES
         ]
-        with m.If(~converted & self.i.valid):
+        with m.If(~done & self.i.valid):
             m.d.sync += step.eq(step << 1)
             comes = self._outward(convert.o, high)
             m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], comes], strict=True)]
         with m.If(self.taken):
             m.d.sync += step.eq(1)
-        return converted, values[: len(AXES)], values[len(AXES) :]
+        return done, values[: len(AXES)], values[len(AXES) :]
 
     def _outward(self, code: Value, up: Value) -> Value:
         """A code moved `CORNER_STEPS` codes up or down, unless it is at an end of the format."""
@@ -126,29 +108,32 @@ class Chunk(wiring.Component):
         moved = size[bits:] + Mux(grows, 1, -1)
         return Cat(size[:bits], Mux(inside, moved[: len(size) - bits], size[bits:]), code[-1])
 
-    def _run(self, m: Module, converted: Value, low: list, high: list):
+    def _run(self, m: Module, done: Value, low: list, high: list):
         """Run the header's numbers through the array once."""
         fields, inside = self.array.i.payload.fields, Signal()
-        m.submodules.reach = reach = Convert(REACH, self.config.arithmetic, 0)
-        m.d.comb += [reach.i.eq(self.i.payload.reach), reach.enable.eq(1)]
-        m.d.comb += [fields.chunk_reach.eq(reach.o), self.array.i.valid.eq(converted & ~inside)]
+        reach = Convert(REACH, self.config.arithmetic, 0)
+        m.d.comb += [
+            fields.chunk_reach.eq(converted(m, "reach", reach, self.i.payload.reach)),
+            self.array.i.valid.eq(done & ~inside),
+        ]
         for name, (constant, side) in programs.CORNERS.items():
-            falls, axis = self.constants[constant][-1], int(name[-1])
+            falls, axis = self.frame.constants[constant][-1], int(name[-1])
             least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
             m.d.comb += fields[name].eq(least if side == "least" else most)
         with m.If(self.array.i.valid & self.array.i.ready):
             m.d.sync += inside.eq(1)
         with m.If(self.taken):
             m.d.sync += inside.eq(0)
-        m.d.comb += self.array.constants.eq(self.constants)
+        m.d.comb += same_fields(self.array.constants, self.frame.constants)
 
     def _give(self, m: Module):
         """Decide whether to keep the chunk, and pass it on."""
         header, found, payload = self.i.payload, self.array.o.payload.outputs, self.o.payload
         kept, known = judged(m, self.array.o, self._kept(m, found))
-        last = self.number == (self.gaussians - 1)[CHUNK.bit_length() - 1 :]
-        whole = self.number != self.gaussians[CHUNK.bit_length() - 1 :]
-        count = Mux(whole, CHUNK, self.gaussians[: CHUNK.bit_length() - 1])
+        gaussians = self.model.gaussians
+        last = self.number == (gaussians - 1)[CHUNK.bit_length() - 1 :]
+        whole = self.number != gaussians[CHUNK.bit_length() - 1 :]
+        count = Mux(whole, CHUNK, gaussians[: CHUNK.bit_length() - 1])
         m.d.comb += [
             self.o.valid.eq(known & kept),
             self.array.o.ready.eq(known & (self.o.ready | ~kept)),
@@ -157,7 +142,7 @@ class Chunk(wiring.Component):
             payload.culling.count.eq(count),
             payload.fetch.number.eq(self.number),
             payload.fetch.count.eq(count),
-            payload.projecting.attributes.eq(self.beats << PLACE_BITS),
+            payload.projecting.attributes.eq(self.beats << point.PLACE_BITS),
             payload.projecting.harmonics.eq(header.harmonics),
             payload.projecting.step.eq(header.step),
         ]
@@ -183,7 +168,7 @@ class Chunk(wiring.Component):
         """
         if self.config.position != "chunk" or self.config.culling == "none":
             return Value.cast(1)
-        pairs = {"front": (self.near_plane, found.z_high)}
+        pairs = {"front": (self.frame.near_plane, found.z_high)}
         for axis in "xy" if self.config.culling == "all" else "":
             far, high = found[f"far_{axis}"], found[f"{axis}_high"]
             pairs[f"{axis}_low"] = (found[f"{axis}_low"], far)

@@ -12,6 +12,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.points.state import ModelState
 from splatcore.spec.colour import BASE, CHANNELS
 from splatcore.spec.config import Config
 from splatcore.spec.memory import (
@@ -47,31 +48,18 @@ def sum_of(entry: Fixed, stages: int) -> Fixed:
     return Fixed(Shape.cast(steps).width - 1, 0, signed=True)
 
 
+def codebook_line(config: Config) -> data.StructLayout:
+    """A word of the memory, and its address."""
+    words = range(config.codebook // CODEBOOK_WORD)
+    return data.StructLayout({"address": words, "word": CODEBOOK_WORD * 8})
+
+
 class Codebook(wiring.Component):
     """Looks up colours and harmonics (the matrix G of `spec.memory`) of Gaussians.
 
     The memory holds both codebooks as they are in DRAM. Each cycle reads the entry of one stage,
     colour stages first. If colours are not made in the array (`Config.colours`), the memory also
     holds beats of harmonics of models in steps.
-
-    Members:
-        write: in, stream of {address, word}, words of the memory, always taken
-        start: in, an item begins; at least `interval` cycles after the previous one
-        index: in, bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
-        colour: out, integers, sums of the colour entries `latency` cycles after the start; they
-            stay for the next cycle, and longer if items are farther apart than `interval`; without
-            codebooks the item's base in steps
-        sh: in, only if the machine has harmonics: the model has harmonics; stable for a frame
-        g: out, only if the machine has harmonics: sums of the elements of G, row by row, held as
-            long as `colour`; valid if the model has harmonics
-        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks; stable for
-            a frame
-        beat: in, only if `Config.colours` is not `array`: {valid, address, word}, as `write`, never
-            in the same cycle
-        read: in, only if `Config.colours` is not `array`: {enable, address} of a word to be read,
-            for models without codebooks
-        word: out, only if `Config.colours` is not `array`: the word read, one cycle later; it is
-            held
 
     **Timing**: one item every `interval` cycles (`DEFAULT`: 5), `latency` 6. No multiplier.
     """
@@ -90,22 +78,31 @@ class Codebook(wiring.Component):
         self.reads = [*self.colour_stages, *self.sh_stages]
         self.latency = FIRST_WORD + len(self.reads)
         self.interval = len(self.reads) + 1
-        line = {"address": range(self.words), "word": CODEBOOK_WORD * 8}
+        line = codebook_line(config)
         colour = sum_of(COMPONENT, len(self.colour_stages)).width
         ports = {
             # Always ready; Amaranth cannot convert a component with a port that says so.
-            "write": In(stream.Signature(data.StructLayout(line))),
-            "start": In(1),
+            "write": In(stream.Signature(line)),
+            "start": In(1),  # an item begins; at least `interval` cycles after the previous one
+            # bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
             "index": In(INDEX_BITS),
+            "model": In(ModelState),
+            # integers, sums of the colour entries `latency` cycles after the start; they stay for
+            # the next cycle, and longer if items are farther apart than `interval`; without
+            # codebooks the item's base in steps
             "colour": Out(data.ArrayLayout(signed(colour), len(CHANNELS))),
         }
         if self.sh_stages:
             slope = signed(sum_of(SLOPE, len(self.sh_stages)).width)
-            ports |= {"sh": In(1), "g": Out(data.ArrayLayout(slope, len(SLOPES)))}
+            # sums of the elements of G, row by row, held as long as `colour`; valid if the model
+            # has harmonics
+            ports["g"] = Out(data.ArrayLayout(slope, len(SLOPES)))
         if self.beside:
             reading = data.StructLayout({"enable": 1, "address": range(self.words)})
-            ports |= {"codebooks": In(1), "beat": In(data.StructLayout({"valid": 1} | line))}
-            ports |= {"read": In(reading), "word": Out(CODEBOOK_WORD * 8)}
+            # as `write`, never in the same cycle
+            ports["beat"] = In(data.StructLayout({"valid": 1} | line.members))
+            ports["read"] = In(reading)  # of a word, for models without codebooks
+            ports["word"] = Out(CODEBOOK_WORD * 8)  # read one cycle before, or earlier
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -123,7 +120,7 @@ class Codebook(wiring.Component):
     def _of_model(self, number: Callable[[ModelFormat], int]) -> Value:
         """A number that depends on the model's degree."""
         plain, *shaded = [number(format) for format in self.formats]
-        return Mux(self.sh, *shaded, plain) if shaded else Const(plain)
+        return Mux(self.model.sh, *shaded, plain) if shaded else Const(plain)
 
     def _has(self, name: str) -> Value:
         """High if the model has a stage."""
@@ -141,7 +138,7 @@ class Codebook(wiring.Component):
             for record in records
             if name in dict(record.fields)
         ]
-        return Mux(self.sh, fields[1], fields[0]) if len(fields) == 2 else Cat(fields)
+        return Mux(self.model.sh, fields[1], fields[0]) if len(fields) == 2 else Cat(fields)
 
     def _read(self, m: Module) -> tuple[Value, Value]:
         """The memory: one word per cycle, and the index of the colour entry within it."""
@@ -174,8 +171,8 @@ class Codebook(wiring.Component):
             enable |= self.time[k] & self._has(name)
         address = base + entries[0][LANE_BITS:]
         if self.beside:
-            address = Mux(self.codebooks, address, self.read.address)
-            enable = Mux(self.codebooks, enable, self.read.enable)
+            address = Mux(self.model.codebooks, address, self.read.address)
+            enable = Mux(self.model.codebooks, enable, self.read.enable)
             m.d.comb += self.word.eq(read.data)
         m.d.comb += [read.addr.eq(address), read.en.eq(enable)]
         return read.data, lane
@@ -193,8 +190,8 @@ class Codebook(wiring.Component):
                 entry = Mux(self._word_of(first), 0, total) + entry
             if self.beside:
                 base = self.index[record.offset(channel) - FACTOR_BITS :][: BASE.width]
-                entry = Mux(self.codebooks, entry, base.as_signed())
-                given = Mux(self.codebooks, given, self._word_of(first))
+                entry = Mux(self.model.codebooks, entry, base.as_signed())
+                given = Mux(self.model.codebooks, given, self._word_of(first))
             with m.If(given):
                 m.d.sync += total.eq(entry)
 

@@ -1,12 +1,13 @@
 """Colours of Gaussians in small integers, computed outside the array (`spec.colour`)."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed
-from amaranth.lib import data, wiring
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.convert import ToFixed
 from splatcore.hdl.points.array import Array
-from splatcore.hdl.points.codebook import INDEX_BITS, Codebook
+from splatcore.hdl.points.codebook import INDEX_BITS, Codebook, codebook_line
+from splatcore.hdl.points.state import ModelState
 from splatcore.hdl.points.terms import LANES, SHIFT_BITS, Terms
 from splatcore.spec.colour import (
     BASIS,
@@ -23,7 +24,6 @@ from splatcore.spec.colour import (
 )
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import basis
-from splatcore.spec.point import EXPONENT
 from splatcore.spec.programs import BASIS_CONSTANTS
 from splatcore.spec.schedule import basis_machine, colour_terms
 
@@ -47,21 +47,6 @@ class Colour(wiring.Component):
     Parameters:
         rounds: layout of the projection's `rounds`, whose `carried` is the slot
         interval: cycles per round
-
-    Members:
-        write: in, stream of {address, word}, words of the codebook memory
-        beat: in, {valid, address, word}, a beat of harmonics; the address is the slot's number
-            times `BEATS` plus the number of the beat
-        sh: in, only if the machine has harmonics: the model has harmonics; ignored without
-            codebooks
-        codebooks: in, the model has codebooks
-        phase, rounds: in, of the projection's array
-        exponent: in, E of each degree, from the model's header
-        index, steps: out, {slot, enable}, parts of a slot to be read
-        found_index, found_steps: in, these parts one cycle later; held until the next reading
-        o: out, {valid, red, green, blue}, codes of `unscaled_colour_format`, for one cycle
-        ray: in, only if the machine has harmonics: codes of `BASIS` of the Gaussian that enters at
-            the end of this cycle, if there is one
 
     **Timing**: one Gaussian per round of at least `spec.schedule.colour_cycles` cycles; its colours
     appear in time `latency` (`DEFAULT`: 42), counted in cycles since its first round began. All
@@ -90,21 +75,25 @@ class Colour(wiring.Component):
         slot = rounds.elem_shape["carried"].shape
         reading = data.StructLayout({"slot": slot, "enable": 1})
         colour = unscaled_colour_format(config).width
-        members = self.codebook.signature.members
+        line = codebook_line(config)
         ports = {
-            name: members[name] for name in ("write", "beat", "sh", "codebooks") if name in members
-        }
-        ports |= {
-            "phase": In(interval),
-            "rounds": In(rounds),
-            "exponent": In(data.ArrayLayout(signed(EXPONENT.width), DEGREES)),
-            "index": Out(reading),
-            "steps": Out(reading),
+            "write": In(stream.Signature(line)),  # words of the codebook memory
+            # {valid, address, word}, a beat of harmonics; the address is the slot's number times
+            # `BEATS` plus the number of the beat
+            "beat": In(data.StructLayout({"valid": 1} | line.members)),
+            "model": In(ModelState),
+            "phase": In(interval),  # of the projection's array
+            "rounds": In(rounds),  # of the projection's array
+            "index": Out(reading),  # {slot, enable}, parts of a slot to be read
+            "steps": Out(reading),  # {slot, enable}, parts of a slot to be read
+            # these parts one cycle later; held until the next reading
             "found_index": In(INDEX_BITS),
-            "found_steps": In(STEPS),
+            "found_steps": In(STEPS),  # these parts one cycle later; held until the next reading
+            # {valid, red, green, blue}, codes of `unscaled_colour_format`, for one cycle
             "o": Out(data.StructLayout({"valid": 1} | dict.fromkeys(CHANNELS, colour))),
         }
         if self.terms:
+            # codes of `BASIS` of the Gaussian that enters at the end of this cycle, if there is one
             ports["ray"] = In(RAYS)
         super().__init__(ports)
 
@@ -122,19 +111,18 @@ class Colour(wiring.Component):
         m = Module()
         m.submodules.codebook = codebook = self.codebook
         connect(m, flipped(self).write, codebook.write)
-        m.d.comb += codebook.beat.eq(self.beat)
-        m.d.comb += [codebook.codebooks.eq(self.codebooks), codebook.index.eq(self.found_index)]
+        m.d.comb += [codebook.beat.eq(self.beat), codebook.model.eq(self.model)]
+        m.d.comb += codebook.index.eq(self.found_index)
         # Bit 0 is set when the first beat of harmonics is read, bit 1 when the base and the first
         # term are due, bit 2 for the second term, and so on.
         self.turn = Signal(1 + self.turns + Terms.latency)
         m.d.sync += self.turn.eq(Cat(self._at(self.begin - 2), self.turn))
         self._read(m)
         m.submodules.terms = terms = self.sum = Terms(self.config, codebook.colour[0].shape().width)
-        m.d.comb += [terms.first.eq(self.turn[1]), terms.half.eq(~self.codebooks)]
+        m.d.comb += [terms.first.eq(self.turn[1]), terms.half.eq(~self.model.codebooks)]
         m.d.comb += terms.base.eq(codebook.colour)
         self._shift(m)
         if self.terms:
-            m.d.comb += codebook.sh.eq(self.sh)
             self._multiplicands(m)
             self._polynomials(m)
         m.d.comb += self.o.valid.eq(self.turn[self.turns + Terms.latency])
@@ -167,9 +155,9 @@ class Colour(wiring.Component):
 
     def _shift(self, m: Module):
         """The shift and factor of the base and of each term."""
-        steps, in_steps = self.found_steps.step, ~self.codebooks
+        steps, in_steps = self.found_steps.step, ~self.model.codebooks
         m.d.comb += self.sum.base_shift.eq(
-            GAIN - self.exponent[0] + Mux(in_steps, steps[0] >> 1, 0)
+            GAIN - self.model.exponent[0] + Mux(in_steps, steps[0] >> 1, 0)
         )
         m.d.comb += self.sum.base_three.eq(in_steps & steps[0][0])
         if not self.terms:
@@ -177,11 +165,11 @@ class Colour(wiring.Component):
         word, third = self.codebook.word, Signal(2)
         with m.If(self.turn[1]):
             m.d.sync += third.eq(word[4:6])
-        exponent, step, own = self.exponent[1], steps[1], word[0:2]
+        exponent, step, own = self.model.exponent[1], steps[1], word[0:2]
         for degree, shift in ((2, word[2:4]), (3, third)):
             turns = [self.turn[k] for k, t in enumerate(self.terms, 1) if t.degree == degree]
             chosen = Cat(turns).any() & in_steps
-            exponent = Mux(chosen, self.exponent[degree], exponent)
+            exponent = Mux(chosen, self.model.exponent[degree], exponent)
             step = Mux(chosen, steps[degree], step)
             own = Mux(chosen, shift, own)
         finer = Mux(self.turn[1], -1, -1 - LOW)
@@ -196,7 +184,7 @@ class Colour(wiring.Component):
             sources: list[list[Value]] = [[] for _ in range(LANES)]
             for number, layout in enumerate(LAYOUTS):
                 for k, term in layout.terms[: len(self.terms)]:
-                    chosen = self.turn[k + 1] & (harmonics == number) & ~self.codebooks
+                    chosen = self.turn[k + 1] & (harmonics == number) & ~self.model.codebooks
                     field, width = f"{channel}_{k}", layout.format(term.degree).width
                     record = next(r for r in layout.records if field in dict(r.fields))
                     for lane in range(len(term.polynomials)):
@@ -206,7 +194,7 @@ class Colour(wiring.Component):
             for lane, axis in enumerate((1, 2, 0)):  # y, z, x
                 g = self.codebook.g[len(RAY) * c + axis]
                 for turn, part in ((1, g[:LOW]), (2, g[LOW:].as_signed())):
-                    chosen = self.turn[turn] & self.codebooks & self.sh
+                    chosen = self.turn[turn] & self.model.codebooks & self.model.sh
                     sources[lane].append(Mux(chosen, part, 0))
             for lane, found in enumerate(sources):
                 value = Const(0)
@@ -237,6 +225,6 @@ class Colour(wiring.Component):
                     with m.If(self.turn[k - 1]):  # decoded in the cycle before
                         m.d.sync += scale.eq(term.doubled[lane])
             # Both parts of G are multiplied by the polynomials of the first term.
-            m.d.comb += convert.enable.eq(~(self.codebooks & self.turn[2]))
+            m.d.comb += convert.enable.eq(~(self.model.codebooks & self.turn[2]))
             m.d.comb += [convert.i.eq(value), convert.scale.eq(scale)]
             m.d.comb += self.sum.polynomials[lane].eq(convert.o)

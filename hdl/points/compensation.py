@@ -58,11 +58,6 @@ def table(entries: tuple[int, ...], index: Value) -> Value:
 class Product(wiring.Component):
     """o = a · b, truncated to `PRODUCT_BITS` significant bits, exponent exact.
 
-    Members:
-        a, b: in, codes of `Config.arithmetic`
-        enable: in, while it is low all registers hold
-        o: out, `product_layout`
-
     **Timing**: a multiplier of `fraction` + 1 bits squared; any latency, 0 is combinational.
     """
 
@@ -71,9 +66,9 @@ class Product(wiring.Component):
         self.registers = spread(latency, {"operand": 6, "product": 30, "normalised": 3})
         code = self.format.width
         ports = {
-            "a": In(code),
-            "b": In(code),
-            "enable": In(1),
+            "a": In(code),  # codes of `Config.arithmetic`
+            "b": In(code),  # codes of `Config.arithmetic`
+            "enable": In(1),  # while it is low all registers hold
             "o": Out(product_layout(config).size),
         }
         super().__init__(ports)
@@ -107,20 +102,20 @@ class Product(wiring.Component):
 class Minor(wiring.Component):
     """o = log2 (a − b)² − c; the minimum logarithm if a and b, truncated alike, are equal.
 
-    Members:
-        a, b: in, `product_layout`
-        c: in, a logarithm
-        enable: in, while it is low all registers hold
-        o: out, a logarithm
-
     **Timing**: no multiplier; latency 4: aligned, subtracted, normalised, logarithm.
     """
 
     def __init__(self, config: Config):
         self.config, shape = config, product_layout(config)
         code = log_width(config)
-        ports = {"a": In(shape.size), "b": In(shape.size), "c": In(code), "enable": In(1)}
-        super().__init__(ports | {"o": Out(code)})
+        ports = {
+            "a": In(shape.size),  # `product_layout`
+            "b": In(shape.size),  # `product_layout`
+            "c": In(code),  # a logarithm
+            "enable": In(1),  # while it is low all registers hold
+            "o": Out(code),  # a logarithm
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -165,17 +160,17 @@ class Minor(wiring.Component):
 class Log(wiring.Component):
     """o = log2 |a|; for 0 that is −bias.
 
-    Members:
-        a: in, code of `Config.arithmetic`
-        enable: in, while it is low all registers hold
-        o: out, a logarithm
-
     **Timing**: no multiplier, latency 1.
     """
 
     def __init__(self, config: Config):
         self.format, self.width = config.arithmetic, log_width(config)
-        super().__init__({"a": In(self.format.width), "enable": In(1), "o": Out(self.width)})
+        ports = {
+            "a": In(self.format.width),  # code of `Config.arithmetic`
+            "enable": In(1),  # while it is low all registers hold
+            "o": Out(self.width),  # a logarithm
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -191,17 +186,19 @@ class Log(wiring.Component):
 class LogSum(wiring.Component):
     """o = log2 (2^a + 2^b).
 
-    Members:
-        a, b: in, logarithms
-        enable: in, while it is low all registers hold
-        o: out, a logarithm
-
     **Timing**: no multiplier; latency 2: difference, sum.
     """
 
     def __init__(self, config: Config):
         self.width = code = log_width(config)
-        super().__init__({"a": In(code), "b": In(code), "enable": In(1), "o": Out(code)})
+        ports = {
+            # logarithms
+            "a": In(code),
+            "b": In(code),
+            "enable": In(1),  # while it is low all registers hold
+            "o": Out(code),  # a logarithm
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -223,20 +220,20 @@ class LogSum(wiring.Component):
 class Fade(wiring.Component):
     """o = a − b, at least 0 and at most `FADE.max`, in steps of opacity as a float.
 
-    Members:
-        a, b: in, logarithms
-        enable: in, while it is low all registers hold
-        o: out, code of `Config.arithmetic`
-
     **Timing**: no multiplier; latency 2: difference, float.
     """
 
     def __init__(self, config: Config):
         self.format = config.arithmetic
         code = log_width(config)
-        super().__init__(
-            {"a": In(code), "b": In(code), "enable": In(1), "o": Out(self.format.width)}
-        )
+        ports = {
+            # logarithms
+            "a": In(code),
+            "b": In(code),
+            "enable": In(1),  # while it is low all registers hold
+            "o": Out(self.format.width),  # code of `Config.arithmetic`
+        }
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -1,20 +1,20 @@
 """Stage 0: computes each point's depth and culls it at the near plane."""
 
-from amaranth.hdl import Const, Module, Mux, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from splatcore.hdl.arithmetic.compare import compared
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Slot, judged
-from splatcore.hdl.points.array import Array, codes
+from splatcore.hdl.points.array import Array
 from splatcore.hdl.points.depth import narrowed, widened
 from splatcore.hdl.points.position import AXES, BEAT, Position
+from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.config import Config
 from splatcore.spec.depth import finer, low_bits
-from splatcore.spec.frame import CAMERA
 from splatcore.spec.microprogram import culling
-from splatcore.spec.point import EXPONENT, PLACE_BITS, culling_record, point_record
+from splatcore.spec.point import PLACE_BITS, culling_record, point_record
 
 
 class Cull(wiring.Component):
@@ -23,38 +23,26 @@ class Cull(wiring.Component):
 
     Numbers inside have the formats of `spec.depth.finer`.
 
-    Members:
-        chunks: in, stream of `culling_record`, taken with the chunk's last point
-        positions: in, stream of memory beats (`hdl.points.position`)
-        camera, position_exponent, near_plane, constants: in, registers of the model and the frame
-        o: out, stream of `point_record` with z and z_low
-        taken: out, a point has been read, high for one cycle
-        small: in, only if `Config.small_models` and positions are stored by chunk
-            (`hdl.points.position`): the model is a small one
-
     **Timing**: one PE, one point every 4 cycles, latency about 30. No path from `o` to `positions`.
     """
 
     def __init__(self, config: Config):
         self.config, self.program = config, culling(config.depth_interval)
-        self.fine, self.position = finer(config), Position(config)
+        self.fine = finer(config)
         ports = {
-            "chunks": In(stream.Signature(layout(culling_record(config)))),
-            "positions": In(stream.Signature(BEAT)),
-            "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
-            "position_exponent": In(signed(EXPONENT.width)),
-            "near_plane": In(config.arithmetic.width),
-            "constants": In(codes(config, self.program.constants)),
-            "o": Out(stream.Signature(layout(point_record(config, "z")))),
-            "taken": Out(1),
+            "chunks": In(stream_of(culling_record(config))),  # taken with the chunk's last point
+            "positions": In(stream.Signature(BEAT)),  # memory beats (`hdl.points.position`)
+            "frame": In(frame_state(config)),
+            "model": In(ModelState),
+            "o": Out(stream_of(point_record(config, "z"))),  # with z and z_low
+            "taken": Out(1),  # a point has been read, high for one cycle
         }
-        ports |= {"small": In(1)} if "small" in self.position.signature.members else {}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         carried = data.StructLayout({"place": PLACE_BITS, "last": 1})
-        m.submodules.position = position = self.position
+        m.submodules.position = position = Position(self.config)
         m.submodules.array = array = Array(self.fine, self.program, carried=carried)
 
         number, chunk = Signal(PLACE_BITS), self.chunks.payload
@@ -64,8 +52,8 @@ class Cull(wiring.Component):
             position.i.payload.eq(self.positions.payload),
             self.positions.ready.eq(position.i.ready),
             position.chunk.eq(chunk),
-            position.camera.eq(self.camera),
-            position.position_exponent.eq(self.position_exponent),
+            position.frame.eq(self.frame),
+            position.model.eq(self.model),
             position.chunk_valid.eq(self.chunks.valid),
             position.next_chunk.eq(self.taken & last),
             self.chunks.ready.eq(self.taken & last),
@@ -75,10 +63,8 @@ class Cull(wiring.Component):
             array.i.payload.carried.place.eq(number),
             array.i.payload.carried.last.eq(last),
         ]
-        if "small" in self.signature.members:
-            m.d.comb += position.small.eq(self.small)
         for name in self.program.constants:
-            m.d.comb += array.constants[name].eq(widened(self.config, self.constants[name]))
+            m.d.comb += array.constants[name].eq(widened(self.config, self.frame.constants[name]))
         for name in self.program.fields:
             ray, field = name in AXES, array.i.payload.fields[name]
             source = position.o.payload[name] if ray else widened(self.config, chunk[name])
@@ -90,7 +76,7 @@ class Cull(wiring.Component):
         connect(m, array.o, whole.i)
         found, through = whole.o.payload.outputs, whole.o.payload.carried
         depth = found.farthest if self.config.depth_interval else found.z
-        near = widened(self.config, self.near_plane)
+        near = widened(self.config, self.frame.near_plane)
         compare = compared(m, "compare", self.fine.arithmetic, near, depth)
         keep = Const(1, 1) if self.config.culling == "none" else compare.less
         kept, known = judged(m, whole.o, keep)

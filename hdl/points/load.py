@@ -2,17 +2,18 @@
 
 from collections.abc import Callable
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
+from splatcore.hdl.points.codebook import codebook_line
+from splatcore.hdl.points.state import ModelState
 from splatcore.spec import memory
 from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, DATA_BITS, range_record
 from splatcore.spec.colour import DEGREES, EXPONENT_MAX, EXPONENT_MIN, SH_EXPONENT_MAX
 from splatcore.spec.config import Config
-from splatcore.spec.point import EXPONENT, GAUSSIAN_BITS
 from splatcore.spec.registers import CODE_BITS, DETAIL_BITS, ErrorCode, frame_registers
 
 RANGE_BITS = 10  # width of the number of beats of a read: a header, or all codebooks
@@ -26,24 +27,6 @@ class Load(wiring.Component):
     beyond the model's end is read, except further beats of attributes, which chunk headers ask for:
     positions take less than attributes. Only the host can check the contents, by the checksum.
 
-    Members:
-        start: in, begin
-        model: in, address of the model in beats; stable until `loaded`
-        ranges: out, stream of `range_record` to be read
-        beats: in, stream of their beats
-        write: out, stream of {address, word}, words of the codebook memory
-        gaussians, position_exponent, exponent: out, fields of the header
-        sh: out, the model's degree is above 0
-        positions, attributes: out, addresses of these parts in beats
-        loaded: out, header and codebooks (if any) have been read; until the next start
-        error: out, `ErrorCode`; if it is not NONE, the header is invalid and nothing more happens
-        detail: out, detail of the error
-        codebooks: out, only if `Config.colours` is not `array`: the model is compact (other
-            machines render no other models)
-        small: out, only if `Config.small_models`: the model has half a beat of attributes per
-            Gaussian
-        antialiased: out, only if `Config.compensates`: opacities are to be compensated
-
     **Timing**: one beat per cycle; a header of 4 beats and up to 512 beats of codebooks per frame.
     """
 
@@ -56,40 +39,39 @@ class Load(wiring.Component):
             (format.layout(0).end - format.layout(0).colours) // memory.CODEBOOK_WORD
             for format in self.formats
         ]
-        line = {"address": range(config.codebook // memory.CODEBOOK_WORD), "word": DATA_BITS}
         ports = {
-            "start": In(1),
-            "model": In(BEAT_ADDRESS_BITS),
-            "ranges": Out(stream.Signature(layout(range_record(RANGE_BITS)))),
-            "beats": In(stream.Signature(DATA_BITS)),
-            "write": Out(stream.Signature(data.StructLayout(line))),
-            "gaussians": Out(GAUSSIAN_BITS),
-            "sh": Out(1),
-            "position_exponent": Out(signed(EXPONENT.width)),
-            "exponent": Out(data.ArrayLayout(signed(EXPONENT.width), DEGREES)),
-            "positions": Out(BEAT_ADDRESS_BITS),
-            "attributes": Out(BEAT_ADDRESS_BITS),
-            "loaded": Out(1),
+            "start": In(1),  # begin
+            # address of the model in beats; stable until `loaded`
+            "model_at": In(BEAT_ADDRESS_BITS),
+            "ranges": Out(stream_of(range_record(RANGE_BITS))),  # to be read
+            "beats": In(stream.Signature(DATA_BITS)),  # their beats
+            "write": Out(stream.Signature(codebook_line(config))),  # words of the codebook memory
+            "model": Out(ModelState),
+            "positions": Out(BEAT_ADDRESS_BITS),  # addresses of these parts in beats
+            "attributes": Out(BEAT_ADDRESS_BITS),  # addresses of these parts in beats
+            "loaded": Out(1),  # header and codebooks (if any) have been read; until the next start
+            # `ErrorCode`; if it is not NONE, the header is invalid and nothing more happens
             "error": Out(CODE_BITS),
-            "detail": Out(DETAIL_BITS),
+            "detail": Out(DETAIL_BITS),  # detail of the error
         }
-        own = {"codebooks": self.steps, "small": config.small_models}
-        own |= {"antialiased": config.compensates}
-        super().__init__(ports | {name: Out(1) for name, has in own.items() if has})
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         number = Signal(range(max(memory.HEADER.size // BEAT, *self.words) + 1))
-        m.d.comb += self.write.payload.address.eq(number)
-        m.d.comb += self.write.payload.word.eq(self.beats.payload)
         header, codebooks = Signal(), Signal()  # beats belong to the header, to the codebooks
         colours = self._header(m, number, header)
-        words = Array(self.words)[self.sh]
+        words = Array(self.words)[self.model.sh]
         ranges, asked = self.ranges.payload, self.ranges.valid & self.ranges.ready
         last = number == Mux(header, memory.HEADER.size // BEAT, words) - 1
         m.d.comb += self.beats.ready.eq(header | codebooks)
-        m.d.comb += [self.write.valid.eq(codebooks & self.beats.valid), ranges.beat.eq(self.model)]
-        m.d.comb += ranges.count.eq(memory.HEADER.size // BEAT)
+        m.d.comb += [
+            self.write.payload.address.eq(number),
+            self.write.payload.word.eq(self.beats.payload),
+            self.write.valid.eq(codebooks & self.beats.valid),
+            ranges.beat.eq(self.model_at),
+            ranges.count.eq(memory.HEADER.size // BEAT),
+        ]
         with m.If(self.beats.valid & self.beats.ready):
             m.d.sync += number.eq(Mux(last, 0, number + 1))
         through, wrong = self.beats.valid & last, self.error != ErrorCode.NONE
@@ -106,8 +88,7 @@ class Load(wiring.Component):
                 with m.If(through):
                     m.next = "CHECKED"
             with m.State("CHECKED"):
-                named = self.codebooks if self.steps else 1
-                m.d.comb += self.ranges.valid.eq(~wrong & named)
+                m.d.comb += self.ranges.valid.eq(~wrong & self.model.codebooks)
                 m.d.comb += [ranges.beat.eq(colours), ranges.count.eq(words)]
                 with m.If(asked):
                     m.next = "CODEBOOKS"
@@ -123,7 +104,7 @@ class Load(wiring.Component):
 
     def _address(self, part: Value) -> Value:
         """The address in beats of a part of the model."""
-        return self.model + part * (memory.ALIGNMENT // BEAT)
+        return self.model_at + part * (memory.ALIGNMENT // BEAT)
 
     def _header(self, m: Module, number: Value, header: Value) -> Signal:
         """Store and check the fields of header beat `number`; return the codebooks' address."""
@@ -135,28 +116,31 @@ class Load(wiring.Component):
         def in_beat(name: str) -> Value:
             return number == offsets[name] // DATA_BITS
 
+        model = self.model
         colours, degree = Signal(BEAT_ADDRESS_BITS + 1), Signal(memory.HEADER["sh_degree"].width)
-        m.d.comb += self.sh.eq(degree.any())
+        m.d.comb += model.sh.eq(degree.any())
         names = [register.name for register in frame_registers(self.config)]
         with m.If(self.error == ErrorCode.DEGREE):
             m.d.comb += self.detail.eq(degree)
         with m.If(self.error == ErrorCode.RANGE):
             m.d.comb += self.detail.eq(names.index("MODEL"))
-        kept = {"count": self.gaussians, "sh_degree": degree}
-        kept |= {"position_exponent": self.position_exponent}
-        kept |= {"small": self.small} if self.config.small_models else {}
+        kept = {"count": model.gaussians, "sh_degree": degree}
+        kept |= {"position_exponent": model.position_exponent}
+        kept |= {"small": model.small} if self.config.small_models else {}
         kept = {name: (target, field(name)) for name, target in kept.items()}
         if self.config.compensates:
-            kept["version"] = self.antialiased, field("version") == memory.VERSIONS[True]
+            kept["version"] = model.antialiased, field("version") == memory.VERSIONS[True]
         parts = {"positions": self.positions, "attributes": self.attributes, "colours": colours}
         kept |= {name: (target, self._address(field(name))) for name, target in parts.items()}
         known = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # of all valid headers
         held = [Signal(known, name=f"exponent{k}", reset_less=True) for k in range(DEGREES)]
-        m.d.comb += [self.exponent[k].eq(e) for k, e in enumerate(held)]
+        m.d.comb += [model.exponent[k].eq(e) for k, e in enumerate(held)]
         given = [e[: len(held[0])] for e in exponents(field)]
         kept["exponent"] = Cat(held), Cat(given)
         if self.steps:
-            kept["colour_index"] = self.codebooks, field("colour_index").any()
+            kept["colour_index"] = model.codebooks, field("colour_index").any()
+        else:
+            m.d.comb += model.codebooks.eq(1)
         with m.If(header & self.beats.valid):
             for name, (target, value) in kept.items():
                 with m.If(in_beat(name)):
@@ -193,14 +177,13 @@ class Load(wiring.Component):
         Returns by field of the header: parts are out of order or too short; they end beyond the
         last address.
         """
-        per_unit = memory.ALIGNMENT // BEAT
-        chunks = (self.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
+        per_unit, model = memory.ALIGNMENT // BEAT, self.model
+        chunks = (model.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
         headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
-        halves, in_unit = self.gaussians << 1, 2 * per_unit  # half beats of attributes
-        if self.config.small_models:
-            halves = Mux(self.small, self.gaussians, halves)
+        halves = Mux(model.small, model.gaussians, model.gaussians << 1)  # half beats of attributes
+        in_unit = 2 * per_unit
         end = self._address(field("end"))
-        named = Mux(self.codebooks if self.steps else 1, Array(self.words)[self.sh], 0)
+        named = Mux(model.codebooks, Array(self.words)[model.sh], 0)
         unordered = {
             "positions": headers > field("positions") * per_unit,
             "attributes": field("positions") > field("attributes"),
@@ -217,21 +200,19 @@ class Load(wiring.Component):
             stages = memory.HEADER[part].length
             bits = [getattr(format, part) for format in self.formats]
             sizes = [Cat(Const(k, 8) for k in b + (0,) * (stages - len(b))) for b in bits]
-            codes[part] = Mux(self.sh, sizes[-1], sizes[0])
+            codes[part] = Mux(self.model.sh, sizes[-1], sizes[0])
         position, index = memory.POSITION_FORMATS.index(self.config.position), field("colour_index")
         compact = (index == codes["colour_index"]) & (degree <= memory.COMPACT_DEGREE)
-        sh_index = Mux(self.codebooks, codes["sh_index"], 0) if self.steps else codes["sh_index"]
+        sh_index = Mux(self.model.codebooks, codes["sh_index"], 0)
         most = [EXPONENT_MAX] * DEGREES
         most[1] = Mux(index.any(), SH_EXPONENT_MAX, EXPONENT_MAX)
         scale = field("position_exponent").as_signed()
         each = zip(exponents(field), most, strict=True)
-        known = self.config.small_models
-        stepped = ~index.any() & ~self.small if known else ~index.any()
-        marked = self.antialiased if self.config.compensates else 0
+        stepped = ~index.any() & ~self.model.small
         return {
-            "antialiased": field("antialiased") == marked,
+            "antialiased": field("antialiased") == self.model.antialiased,
             "position": field("position") == position,
-            "small": Const(1) if known else ~field("small"),
+            "small": Const(1) if self.config.small_models else ~field("small"),
             "position_exponent": (scale >= -memory.EXPONENT_MAX) & (scale <= memory.EXPONENT_MAX),
             "exponent": Cat((e >= EXPONENT_MIN) & (e <= end) for e, end in each).all(),
             "colour_index": compact | stepped if self.steps else compact,

@@ -1,16 +1,15 @@
 """Colours and harmonics from the codebooks as floats, for arrays that compute colours."""
 
-from amaranth.hdl import Module, Mux, Shape, Signal, Value, signed
-from amaranth.lib import data, wiring
+from amaranth.hdl import Module, Mux, Shape, Signal, Value
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.convert import FromFixed
-from splatcore.hdl.points.array import codes
-from splatcore.hdl.points.codebook import INDEX_BITS, Codebook, sum_of
-from splatcore.spec.colour import DEGREES, EXPONENT_MAX, EXPONENT_MIN
+from splatcore.hdl.points.codebook import INDEX_BITS, Codebook, codebook_line, sum_of
+from splatcore.hdl.points.state import ModelState, codes
+from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
 from splatcore.spec.config import Config
 from splatcore.spec.memory import COMPONENT, SLOPE
-from splatcore.spec.point import EXPONENT
 from splatcore.spec.programs import COLOURS, SLOPES
 
 LANES = len(COLOURS)  # numbers that are converted at a time: a row of G, or the colour
@@ -25,15 +24,6 @@ class LookUp(wiring.Component):
 
     First G is converted row by row, then the colour.
 
-    Members:
-        write: in, stream of {address, word}, words of the codebook memory
-        start: in, an item begins; at least `interval` cycles after the previous one
-        sh: in, only if the machine has harmonics: the model has harmonics; if not, all of G is zero
-        index: in, bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
-        exponent: in, E of each degree; stable for a frame
-        o: out, colour and, if the machine has harmonics, G as floats of `Config.arithmetic`; an
-            item's values are valid for one cycle
-
     **Timing**: one item every `interval` cycles (`PAPER`: 5); its values are at `o` exactly
     `latency` cycles after its start (8). No multiplier.
     """
@@ -46,11 +36,14 @@ class LookUp(wiring.Component):
         self.latency = self.converted + CONVERT
         # Sums are held until all are converted; the values of the next item come later.
         self.interval = self.codebook.interval + (ROWS - 1) * self.shaded
-        members = self.codebook.signature.members
-        ports = {name: members[name] for name in ("write", "start", "sh") if name in members}
-        ports |= {
+        ports = {
+            "write": In(stream.Signature(codebook_line(config))),  # words of the codebook memory
+            "start": In(1),  # an item begins; at least `interval` cycles after the previous one
+            # bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
             "index": In(INDEX_BITS),
-            "exponent": In(data.ArrayLayout(signed(EXPONENT.width), DEGREES)),
+            "model": In(ModelState),  # without harmonics all of G is zero
+            # colour and, if the machine has harmonics, G as floats of `Config.arithmetic`; an
+            # item's values are valid for one cycle
             "o": Out(codes(config, COLOURS + (SLOPES if self.shaded else ()))),
         }
         super().__init__(ports)
@@ -60,22 +53,22 @@ class LookUp(wiring.Component):
         m.submodules.codebook = codebook = self.codebook
         connect(m, flipped(self).write, codebook.write)
         m.d.comb += [codebook.start.eq(self.start), codebook.index.eq(self.index)]
+        m.d.comb += codebook.model.eq(self.model)
         time = [self.start]  # k cycles after an item's start
         for k in range(1, self.converted):
             time.append(Signal(name=f"time{k}"))
             m.d.sync += time[k].eq(time[k - 1])
-        numbers, exponent = list(codebook.colour), self.exponent[0]
+        numbers, exponent = list(codebook.colour), self.model.exponent[0]
         if self.shaded:
-            m.d.comb += codebook.sh.eq(self.sh)
             colour = Signal()  # goes into the converters
             m.d.sync += colour.eq(time[-1])
-            exponent = Mux(time[-1], exponent, self.exponent[1])
+            exponent = Mux(time[-1], exponent, self.model.exponent[1])
             for lane, number in enumerate(numbers):
                 slope = codebook.g[(ROWS - 1) * LANES + lane]
                 for row in range(ROWS - 1):
                     chosen = time[codebook.latency + row]
                     slope = Mux(chosen, codebook.g[row * LANES + lane], slope)
-                numbers[lane] = Mux(colour, number, Mux(self.sh, slope, 0))
+                numbers[lane] = Mux(colour, number, Mux(self.model.sh, slope, 0))
         values = self._converted_by(m, numbers, exponent)
         m.d.comb += [self.o[name].eq(value) for name, value in zip(COLOURS, values, strict=True)]
         if self.shaded:

@@ -7,16 +7,19 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Slot, passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import FetchBeats
 from splatcore.hdl.memory.words import Words
+from splatcore.hdl.points.codebook import codebook_line
 from splatcore.hdl.points.load import Load
+from splatcore.hdl.points.state import ModelState
 from splatcore.spec import axi
 from splatcore.spec.config import Config
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, HEADER
 from splatcore.spec.point import FETCH, NUMBER_BITS, WANTED
+from splatcore.spec.registers import CODE_BITS, DETAIL_BITS
 from splatcore.spec.small import position_widths
 
 READING = ("model", "positions", "attributes")
@@ -39,25 +42,6 @@ def multiple(value: Value, factor: int) -> Value:
 class ModelReader(wiring.Component):
     """Reads a model: header and codebooks, then all chunk headers, and other parts on request.
 
-    Members:
-        start: in, read header and codebooks
-        model: in, address of the model in beats; stable during the frame
-        write: out, stream of {address, word}, words of the codebook memory
-        gaussians, sh, position_exponent, exponent, loaded, error, detail: out, as in
-            `hdl.points.load.Load`
-        codebooks: out, only if `Config.colours` is not `array`: as in `Load`
-        small: out, only if `Config.small_models`: as in `Load`
-        antialiased: out, only if `Config.compensates`: as in `Load`
-        run: in, once `loaded` is high: begin with the chunk headers
-        headers: out, stream of `CHUNK_HEADER`
-        fetch: in, stream of `FETCH`, chunks whose positions are to be read
-        positions: out, stream of the beats of these positions
-        wanted: in, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: out, stream of the beats of these attributes
-        given: out, all chunk headers have been taken
-        reads: out, streams of `read_record` to memory, one for each of `READING`
-        data: in, streams of `read_beat` from memory, one for each of `READING`
-
     **Timing**: a chunk header in four cycles; bursts of positions end at multiples of 16 beats; the
     attributes of a Gaussian are one burst every two cycles, or two bursts if they cross a multiple
     of 4 KB: the second one follows after one cycle, with a port of 256 bits after two.
@@ -65,19 +49,25 @@ class ModelReader(wiring.Component):
 
     def __init__(self, config: Config):
         self.config, self.load = config, Load(config)
-        load = self.load.signature.members
-        inner = ("start", "model", "ranges", "beats", "positions", "attributes")
-        self.loads = [name for name in load if name not in inner]
-        ports = {name: load[name] for name in ("start", "model", *self.loads)}
-        ports |= {
-            "run": In(1),
-            "headers": Out(stream.Signature(layout(CHUNK_HEADER))),
-            "fetch": In(stream.Signature(layout(FETCH))),
-            "positions": Out(stream.Signature(axi.DATA_BITS)),
-            "wanted": In(stream.Signature(layout(WANTED))),
-            "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),
-            "given": Out(1),
-            "reads": Out(stream.Signature(layout(axi.read_record()))).array(len(READING)),
+        ports = {
+            "start": In(1),  # read header and codebooks
+            # address of the model in beats; stable during the frame
+            "model_at": In(axi.BEAT_ADDRESS_BITS),
+            "write": Out(stream.Signature(codebook_line(config))),  # words of the codebook memory
+            "model": Out(ModelState),  # as in `hdl.points.load.Load`
+            "loaded": Out(1),  # as in `hdl.points.load.Load`
+            "error": Out(CODE_BITS),  # as in `hdl.points.load.Load`
+            "detail": Out(DETAIL_BITS),  # as in `hdl.points.load.Load`
+            "run": In(1),  # once `loaded` is high: begin with the chunk headers
+            "headers": Out(stream_of(CHUNK_HEADER)),
+            "fetch": In(stream_of(FETCH)),  # chunks whose positions are to be read
+            "positions": Out(stream.Signature(axi.DATA_BITS)),  # the beats of these positions
+            "wanted": In(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
+            "given": Out(1),  # all chunk headers have been taken
+            # to memory, one for each of `READING`
+            "reads": Out(stream_of(axi.read_record())).array(len(READING)),
+            # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
         }
         super().__init__(ports)
@@ -86,11 +76,16 @@ class ModelReader(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.load = load = self.load
-        outside = flipped(self)
-        m.d.comb += [load.start.eq(self.start), load.model.eq(self.model)]
-        connect(m, outside.write, load.write)
-        m.d.comb += [getattr(self, k).eq(getattr(load, k)) for k in self.loads if k != "write"]
-        m.d.sync += self.chunks.eq((self.gaussians + CHUNK - 1) >> CHUNK.bit_length() - 1)
+        connect(m, flipped(self).write, load.write)
+        m.d.comb += [
+            load.start.eq(self.start),
+            load.model_at.eq(self.model_at),
+            self.model.eq(load.model),
+            self.loaded.eq(load.loaded),
+            self.error.eq(load.error),
+            self.detail.eq(load.detail),
+        ]
+        m.d.sync += self.chunks.eq((self.model.gaussians + CHUNK - 1) >> CHUNK.bit_length() - 1)
         self._headers(m)
         self._positions(m)
         self._attributes(m)
@@ -115,7 +110,7 @@ class ModelReader(wiring.Component):
         m.d.comb += [
             fetch.i.valid.eq(asks | load.ranges.valid),
             fetch.i.payload.beat.eq(
-                Mux(asks, self.model + HEADER.size // axi.BEAT, load.ranges.payload.beat)
+                Mux(asks, self.model_at + HEADER.size // axi.BEAT, load.ranges.payload.beat)
             ),
             fetch.i.payload.count.eq(
                 Mux(asks, self.chunks * HEADER_BEATS, load.ranges.payload.count)
@@ -161,7 +156,7 @@ class ModelReader(wiring.Component):
         widths = [3 * width for width in position_widths(self.config)]
         unit = gcd(*widths)
         of_model = [multiple(multiple(count, unit), width // unit) for width in widths]
-        return Mux(self.small, *reversed(of_model)) if len(of_model) > 1 else of_model[0]
+        return Mux(self.model.small, *reversed(of_model)) if len(of_model) > 1 else of_model[0]
 
     def _attributes(self, m: Module):
         """Read each Gaussian's beats in one burst, or in two if they cross a `BOUNDARY`."""

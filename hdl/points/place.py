@@ -1,15 +1,16 @@
 """Front of stage 1: computes x and y of the points that stage 0 kept, drops those out of view."""
 
 from amaranth.hdl import Const, Module, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.holds import holds, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import same_fields, stream_of
 from splatcore.hdl.lib.stream import Queue, Slot, judged
-from splatcore.hdl.points.array import Array, codes
+from splatcore.hdl.points.array import Array
 from splatcore.hdl.points.position import AXES
+from splatcore.hdl.points.state import frame_state
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import program
 from splatcore.spec.point import placing_record, point_record
@@ -22,23 +23,16 @@ class Place(wiring.Component):
 
     A point waits in a small memory while the array computes its x and y.
 
-    Members:
-        i: in, stream of `point_record` with z
-        chunks: in, stream of `placing_record`, taken with the chunk's last point
-        near_plane, constants: in, registers of the frame
-        o: out, stream of `point_record` with x, y and z
-
     **Timing**: two PEs, one point every 4 cycles, latency about 20. No path from `o` to `i`.
     """
 
     def __init__(self, config: Config):
         self.config, self.program = config, program("place")
         ports = {
-            "i": In(stream.Signature(layout(point_record(config, "z")))),
-            "chunks": In(stream.Signature(layout(placing_record(config)))),
-            "near_plane": In(config.arithmetic.width),
-            "constants": In(codes(config, self.program.constants)),
-            "o": Out(stream.Signature(layout(point_record(config, "x y z")))),
+            "i": In(stream_of(point_record(config, "z"))),
+            "chunks": In(stream_of(placing_record(config))),  # taken with the chunk's last point
+            "frame": In(frame_state(config)),
+            "o": Out(stream_of(point_record(config, "x y z"))),
         }
         super().__init__(ports)
 
@@ -52,7 +46,7 @@ class Place(wiring.Component):
             array.i.valid.eq(self.i.valid & self.chunks.valid),
             self.i.ready.eq(array.i.ready & self.chunks.valid),
             self.chunks.ready.eq(self.i.valid & array.i.ready & point.last),
-            array.constants.eq(self.constants),
+            *same_fields(array.constants, self.frame.constants),
             points.i.valid.eq(array.i.valid & array.i.ready),
             points.i.payload.eq(point),
             points.o.ready.eq(array.o.valid & array.o.ready),
@@ -94,7 +88,7 @@ class Place(wiring.Component):
             return Const(1, 1)
         format = self.config.arithmetic
         magnitude = (1 << (format.width - 1)) - 1
-        inside = compared(m, "compare_z", format, self.near_plane, z).less
+        inside = compared(m, "compare_z", format, self.frame.near_plane, z).less
         for axis in "xy" if self.config.culling == "all" else "":
             size, bound = found[axis] & magnitude, found[f"bound_{axis}"]
             compare = compared(m, f"compare_{axis}", format, size, bound)

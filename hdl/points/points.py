@@ -7,17 +7,18 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.credit import Credit
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Fork, Queue, Slot, passes
-from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.chunk import Chunk
+from splatcore.hdl.points.codebook import codebook_line
 from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.project import Project
+from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.config import Config
 from splatcore.spec.counters import POINTS
-from splatcore.spec.microprogram import constants
-from splatcore.spec.point import FETCH, chunk_record, splat_record
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK_HEADER
+from splatcore.spec.point import FETCH, WANTED, chunk_record, splat_record
 
 COUNTED = tuple(POINTS)
 
@@ -34,24 +35,22 @@ class Front(wiring.Component):
 
     With culling (`Config.culling`) all centres are in front, and there is no such part.
 
-    Members:
-        i: in, stream of `splat_record`
-        near_plane: in, register of the frame
-        o: out, stream of `splat_record`
-
     **Timing**: combinational; one splat per cycle.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        splats = stream.Signature(layout(splat_record(config)))
-        ports = {"i": In(splats), "near_plane": In(config.arithmetic.width), "o": Out(splats)}
+        ports = {
+            "i": In(stream_of(splat_record(config))),
+            "frame": In(frame_state(config)),
+            "o": Out(stream_of(splat_record(config))),
+        }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         format = self.config.arithmetic
-        compare = compared(m, "compare", format, self.near_plane, self.i.payload.z)
+        compare = compared(m, "compare", format, self.frame.near_plane, self.i.payload.z)
         m.d.comb += self.o.payload.eq(self.i.payload)
         m.d.comb += self.o.valid.eq(self.i.valid & compare.less)
         m.d.comb += self.i.ready.eq(self.o.ready | ~compare.less)
@@ -61,25 +60,6 @@ class Front(wiring.Component):
 class Points(wiring.Component):
     """Stages 0 and 1: turns chunk headers, positions and attributes into splats.
 
-    Members:
-        headers: in, stream of `CHUNK_HEADER`, the whole model's headers for each frame
-        fetch: out, stream of `FETCH`, chunks whose positions are to be read
-        positions: in, stream of the beats of these positions
-        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: in, stream of the beats of these attributes
-        near_plane, camera, constants: in, registers of the frame
-        splats: out, stream of `splat_record`, in the order of the model
-        idle: out, no chunk and no splat is inside; if the last header is taken, the frame is done
-        clear: in, all counters are 0
-        counters: out, counts of `COUNTED`; the last three count rounds of the projection's array
-            that began with a Gaussian, without one, and without one because splats were not taken
-        gaussians, position_exponent, exponent: in, from the model's header; stable for a frame
-        write: in, stream of {address, word}, words of the codebook memory, before the frame
-        sh: in, only if the machine has harmonics: the model has harmonics
-        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks
-        small: in, only if `Config.small_models`: the model has half a beat of attributes per
-            Gaussian
-
     **Timing**: a point every 4 cycles (`hdl.points.cull`) and a splat every 6 in `DEFAULT`
     (`hdl.points.project`).
     """
@@ -88,38 +68,47 @@ class Points(wiring.Component):
         self.chunk, self.cull = Chunk(config), Cull(config)
         self.place, self.project = Place(config), Project(config)
         self.config = config
-        chunk, project = self.chunk.signature.members, self.project.signature.members
         ports = {
-            "headers": chunk["i"],
-            "fetch": Out(stream.Signature(layout(FETCH))),
-            "positions": self.cull.signature.members["positions"],
-            "wanted": project["wanted"],
-            "attributes": project["attributes"],
-            "near_plane": In(config.arithmetic.width),
-            "constants": In(codes(config, constants(config))),
-            "splats": project["o"],
+            "headers": In(stream_of(CHUNK_HEADER)),  # the whole model's headers for each frame
+            "fetch": Out(stream_of(FETCH)),  # chunks whose positions are to be read
+            "positions": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these positions
+            "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
+            # {address, word}, words of the codebook memory, before the frame
+            "write": In(stream.Signature(codebook_line(config))),
+            "frame": In(frame_state(config)),
+            "model": In(ModelState),
+            "splats": Out(stream_of(splat_record(config))),  # in the order of the model
+            # no chunk and no splat is inside; if the last header is taken, the frame is done
             "idle": Out(1),
-            "clear": In(1),
+            "clear": In(1),  # all counters are 0
+            # counts of `COUNTED`; the last three count rounds of the projection's array that began
+            # with a Gaussian, without one, and without one because splats were not taken
             "counters": Out(counters_layout(COUNTED)),
         }
-        ports |= {name: chunk[name] for name in ("gaussians", "camera", "position_exponent")}
-        ports |= {name: project[name] for name in self.project.tables}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.chunk, m.submodules.cull = self.chunk, self.cull
         m.submodules.place, m.submodules.project = self.place, self.project
-        outside = flipped(self)
-        connect(m, outside.headers, self.chunk.i)
-        connect(m, outside.positions, self.cull.positions)
-        connect(m, outside.wanted, self.project.wanted)
-        connect(m, outside.attributes, self.project.attributes)
-        self._splats(m, outside.splats)
-        connect(m, self.cull.o, self.place.i)
-        connect(m, self.place.o, self.project.i)
+        outside, chunk, cull, place, project = (
+            flipped(self), self.chunk, self.cull, self.place, self.project
+        )  # fmt: skip
+        for source, target in (
+            (outside.headers, chunk.i),
+            (outside.positions, cull.positions),
+            (cull.o, place.i),
+            (place.o, project.i),
+            (project.wanted, outside.wanted),
+            (outside.attributes, project.attributes),
+            (outside.write, project.write),
+            (self._in_front(m), outside.splats),
+        ):
+            connect(m, source, target)
+        m.d.comb += [part.frame.eq(self.frame) for part in (chunk, cull, place, project)]
+        m.d.comb += [part.model.eq(self.model) for part in (chunk, cull, project)]
         self._chunks(m)
-        self._registers(m)
         self._idle(m)
         self._count(m)
         return m
@@ -145,34 +134,14 @@ class Points(wiring.Component):
         m.d.comb += self.fetch.payload.eq(last.payload.fetch)
         m.d.comb += [self.fetch.valid.eq(last.valid), last.ready.eq(self.fetch.ready)]
 
-    def _splats(self, m: Module, splats):
-        """Output the splats; without culling, only splats in front."""
+    def _in_front(self, m: Module) -> stream.Interface:
+        """The splats; without culling, only splats in front."""
         if self.config.culling != "none":
-            connect(m, splats, self.project.o)
-            return
+            return self.project.o
         m.submodules.front = front = Front(self.config)
-        m.d.comb += front.near_plane.eq(self.near_plane)
+        m.d.comb += front.frame.eq(self.frame)
         connect(m, self.project.o, front.i)
-        connect(m, front.o, splats)
-
-    def _registers(self, m: Module):
-        """Registers of the frame and of the model to the parts that use them."""
-        for part in (self.chunk, self.cull, self.place, self.project):
-            for name in part.constants.shape().members:
-                m.d.comb += part.constants[name].eq(self.constants[name])
-        for part in (self.chunk, self.cull, self.place):
-            m.d.comb += part.near_plane.eq(self.near_plane)
-        m.d.comb += self.chunk.gaussians.eq(self.gaussians)
-        for part in (self.chunk, self.cull):
-            m.d.comb += part.camera.eq(self.camera)
-            m.d.comb += part.position_exponent.eq(self.position_exponent)
-        for name in self.project.tables:
-            if name == "write":
-                connect(m, flipped(self).write, self.project.write)
-            else:
-                m.d.comb += getattr(self.project, name).eq(getattr(self, name))
-        if "small" in self.cull.signature.members:
-            m.d.comb += self.cull.small.eq(self.small)
+        return front.o
 
     def _idle(self, m: Module):
         """Count chunks from the first part to the last, and splats from slot to output."""

@@ -1,20 +1,20 @@
 """Unpacks stored positions and computes rays: vectors from the camera, in world axes."""
 
 from amaranth.hdl import Array as Choice
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, ValueLike
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed
+from splatcore.hdl.arithmetic.convert import FromFixed, ToFixed, converted
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.lib.stream import Pipe
-from splatcore.hdl.points.array import codes
+from splatcore.hdl.points.state import ModelState, codes, frame_state
 from splatcore.spec import memory
 from splatcore.spec.config import Config
 from splatcore.spec.depth import finer
 from splatcore.spec.frame import CAMERA
 from splatcore.spec.number import Fixed
-from splatcore.spec.point import AWAY, EXPONENT, PLACE_BITS, culling_record
+from splatcore.spec.point import AWAY, PLACE_BITS, culling_record
 from splatcore.spec.small import position_widths
 
 BEAT = memory.ATTRIBUTE_BITS  # bits of a memory beat
@@ -35,17 +35,6 @@ class Position(wiring.Component):
     ends. In small models their low bits are not stored either, and are zero. The vector from the
     camera to a point is exact on the grid and rounded once, to `spec.depth.finer`.
 
-    Members:
-        i: in, stream of beats; a chunk begins at a new beat, and the rest of its last beat is
-            dropped
-        chunk: in, `culling_record`, the chunk that the points belong to
-        chunk_valid: in, there is a chunk
-        next_chunk: in, the chunk is done; from the next cycle on `chunk` is the next one
-        camera, position_exponent: in, registers of the frame and the model
-        o: out, stream of rays, floats in scene units
-        small: in, only if `Config.small_models` and positions are stored by chunk: the model is
-            small
-
     **Timing**: one point every 4 cycles, and one cycle more at each octant's end; latency
     `CONVERT_LATENCY` + 9 from a chunk's first beat.
     """
@@ -54,15 +43,16 @@ class Position(wiring.Component):
         self.config, self.fine = config, finer(config)
         self.widths = position_widths(config)
         ports = {
+            # beats; a chunk begins at a new beat, and the rest of its last beat is dropped
             "i": In(stream.Signature(BEAT)),
-            "chunk": In(layout(culling_record(config))),
-            "chunk_valid": In(1),
+            "chunk": In(layout(culling_record(config))),  # the chunk that the points belong to
+            "chunk_valid": In(1),  # there is a chunk
+            # the chunk is done; from the next cycle on `chunk` is the next one
             "next_chunk": In(1),
-            "camera": In(data.ArrayLayout(signed(CAMERA.width), 3)),
-            "position_exponent": In(signed(EXPONENT.width)),
-            "o": Out(stream.Signature(codes(self.fine, AXES))),
+            "frame": In(frame_state(config)),
+            "model": In(ModelState),
+            "o": Out(stream.Signature(codes(self.fine, AXES))),  # rays, floats in scene units
         }
-        ports |= {"small": In(1)} if len(self.widths) > 1 else {}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -75,10 +65,10 @@ class Position(wiring.Component):
         if self.config.position == "chunk":
             point = self._offset(m, coordinate)
         else:
-            m.submodules.decode = decode = ToFixed(memory.ABSOLUTE, GRID, 0)
             [coordinate] = self._later(m, coordinate)
-            m.d.comb += [decode.i.eq(coordinate), decode.enable.eq(1), self.ready.eq(1)]
-            point = decode.o.as_signed()
+            m.d.comb += self.ready.eq(1)
+            decode = ToFixed(memory.ABSOLUTE, GRID, 0)
+            point = converted(m, "decode", decode, coordinate).as_signed()
         self._convert(m, point)
         self._count(m)
         self._collect(m)
@@ -121,7 +111,7 @@ class Position(wiring.Component):
 
     def _of_model(self, value: ValueLike, of_small: ValueLike | None = None) -> Value:
         """A value, or another one in small models."""
-        return Value.cast(value) if of_small is None else Mux(self.small, of_small, value)
+        return Value.cast(value) if of_small is None else Mux(self.model.small, of_small, value)
 
     def _offset(self, m: Module, coordinate: Value) -> Value:
         """The coordinate on the model's grid: top bit by the octant, shifted, from the origin."""
@@ -165,9 +155,9 @@ class Position(wiring.Component):
         m.submodules.convert = self.convert = FromFixed(AWAY, format, CONVERT_LATENCY, scale)
         [placed] = self._later(m, point)
         [axis] = self._later(m, *self._later(m, self.axis))
-        [camera] = self._of_axis(axis, *self.camera, widths=(CAMERA.width,))
+        [camera] = self._of_axis(axis, *self.frame.camera, widths=(CAMERA.width,))
         [way] = self._later(m, (placed - camera.as_signed())[: AWAY.width].as_signed())
-        m.d.comb += [self.convert.i.eq(way), self.convert.scale.eq(self.position_exponent)]
+        m.d.comb += [self.convert.i.eq(way), self.convert.scale.eq(self.model.position_exponent)]
         m.d.comb += self.convert.enable.eq(self.pipe.enable)
 
     def _count(self, m: Module):

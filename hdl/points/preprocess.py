@@ -6,20 +6,13 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.binning.bin import Bin
 from splatcore.hdl.binning.binned import WRITING, Binned
-from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, layout
+from splatcore.hdl.lib.record import AREA, ERROR, frame_layout, stream_of
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.window import client_windows
 from splatcore.hdl.points.check import Check
 from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.hdl.points.points import Points
-from splatcore.spec.axi import (
-    BEAT_BITS,
-    READ_AREAS,
-    WRITE_AREAS,
-    read_record,
-    window_bits,
-    write_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.compensation import MODEL_CONSTANTS
 from splatcore.spec.config import Config
@@ -29,24 +22,6 @@ from splatcore.spec.registers import ErrorCode
 
 class Preprocess(wiring.Component):
     """Stages 0 and 1 and binning with their memory access, frame by frame.
-
-    Members:
-        start: in, begin a frame
-        frame: in, `frame_layout`, its registers, stable from `hdl.points.check.LATENCY` cycles
-            before `start` until `done`
-        area: in, `AREA`, the work area to be written
-        reads: out, streams of `read_record` to memory, one for each of `model_reader.READING`
-        data: in, streams of `read_beat` from memory, one for each of `model_reader.READING`
-        writes: out, streams of `write_record` to memory, one for each of `binned.WRITING`
-        settled: in, all written data is in memory
-        done: out, the work area is complete; until `taken`
-        taken: in, the work area has been handed over
-        needed: out, list pages that the frame takes, while `counted` is high
-        counted: out, `needed` is valid, for one cycle
-        error: out, `ERROR`, the frame cannot be rendered; nothing more happens until reset
-        counters: out, counters of `hdl.points.points` and `hdl.binning.bin`
-        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
-            of `reads` and `writes`
 
     **Timing**: as its slowest part, one Gaussian in 6 cycles in `DEFAULT`, if memory keeps up.
     """
@@ -58,20 +33,27 @@ class Preprocess(wiring.Component):
         parts = {"points": self.points, "bin": self.bin}
         counters = {name: part.counters.shape() for name, part in parts.items()}
         ports = {
-            "start": In(1),
+            "start": In(1),  # begin a frame
+            # its registers, stable from `hdl.points.check.LATENCY` cycles before `start` until
+            # `done`
             "frame": In(frame_layout(config)),
-            "area": In(AREA),
-            "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+            "area": In(AREA),  # the work area to be written
+            # to memory, one for each of `model_reader.READING`
+            "reads": Out(stream_of(axi.read_record())).array(len(READING)),
+            # from memory, one for each of `model_reader.READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
-            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
-            "settled": In(1),
-            "done": Out(1),
-            "taken": In(1),
-            "needed": Out(PAGE_BITS),
-            "counted": Out(1),
-            "error": Out(ERROR),
+            # to memory, one for each of `binned.WRITING`
+            "writes": Out(stream_of(axi.write_record(config))).array(len(WRITING)),
+            "settled": In(1),  # all written data is in memory
+            "done": Out(1),  # the work area is complete; until `taken`
+            "taken": In(1),  # the work area has been handed over
+            "needed": Out(PAGE_BITS),  # list pages that the frame takes, while `counted` is high
+            "counted": Out(1),  # `needed` is valid, for one cycle
+            "error": Out(ERROR),  # the frame cannot be rendered; nothing more happens until reset
+            # counters of `hdl.points.points` and `hdl.binning.bin`
             "counters": Out(data.StructLayout(counters)),
         }
+        # `read_windows` and `write_windows` of `reads` and `writes`, if there are windows
         windows = client_windows(config, len(READING), len(WRITING))
         super().__init__(ports | {name: Out(shape) for name, shape in windows.items()})
 
@@ -106,37 +88,33 @@ class Preprocess(wiring.Component):
         """Registers of the frame and of the model to the parts that use them."""
         frame, points, config = self.frame, self.points, self.config
         fixed = fixed_constants(config)
-        for name in points.constants.shape().members:
+        for name in points.frame.constants.shape().members:
             if name in MODEL_CONSTANTS:
-                code = Mux(getattr(self.model, name), int(config.arithmetic.encode(1.0)), 0)
+                code = Mux(self.model.model[name], int(config.arithmetic.encode(1.0)), 0)
             elif name in fixed:
                 code = Const(int(config.arithmetic.encode(fixed[name])), config.arithmetic.width)
             else:
                 code = frame[f"constant_{name}"]
-            m.d.comb += points.constants[name].eq(code)
+            m.d.comb += points.frame.constants[name].eq(code)
         for k, axis in enumerate("xyz"):
             low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]
-            m.d.comb += points.camera[k].eq(Cat(low, high))
-        for name in ("gaussians", "position_exponent", *points.project.tables):
-            if name != "write":
-                m.d.comb += getattr(points, name).eq(getattr(self.model, name))
+            m.d.comb += points.frame.camera[k].eq(Cat(low, high))
         m.d.comb += [
-            self.model.model.eq(frame.model[BEAT_BITS:]),
-            points.near_plane.eq(frame.near_plane),
+            self.model.model_at.eq(frame.model[axi.BEAT_BITS :]),
+            points.model.eq(self.model.model),
+            points.frame.near_plane.eq(frame.near_plane),
             self.bin.width.eq(frame.width),
             self.bin.height.eq(frame.height),
             self.bin.pages.eq(frame.lists_pages),
             self.binned.features_max.eq(frame.features_max),
-            self.binned.features_at.eq(self.area.features),
-            self.binned.lists_at.eq(self.area.lists),
-            self.binned.groups_at.eq(self.area.groups),
+            self.binned.area.eq(self.area),
             self.counters.points.eq(points.counters),
             self.counters.bin.eq(self.bin.counters),
         ]
-        if window_bits(config):
+        if axi.window_bits(config):
             for areas, names, windows in (
-                (READ_AREAS, READING, self.read_windows),
-                (WRITE_AREAS, WRITING, self.write_windows),
+                (axi.READ_AREAS, READING, self.read_windows),
+                (axi.WRITE_AREAS, WRITING, self.write_windows),
             ):
                 for number, name in enumerate(names):
                     m.d.comb += windows[number].eq(frame[f"{areas[name]}_high"])

@@ -6,30 +6,29 @@ from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.arithmetic.convert import Convert, FromFixed
+from splatcore.hdl.arithmetic.convert import Convert, FromFixed, converted
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, same_fields, stream_of
 from splatcore.hdl.lib.stream import Queue, passes
-from splatcore.hdl.points.array import Array, codes
+from splatcore.hdl.points.array import Array
+from splatcore.hdl.points.codebook import codebook_line
 from splatcore.hdl.points.colour import RAY, Colour
 from splatcore.hdl.points.look_up import LookUp
 from splatcore.hdl.points.slots import POINT, Slots
+from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.compensation import ATTENUATIONS
 from splatcore.spec.config import Config
-from splatcore.spec.memory import OPACITY, step_format
+from splatcore.spec.memory import ATTRIBUTE_BITS, OPACITY, step_format
 from splatcore.spec.microprogram import projection
 from splatcore.spec.number import Fixed
-from splatcore.spec.point import splat_record
+from splatcore.spec.point import WANTED, point_record, projecting_record, splat_record
 from splatcore.spec.programs import COLOURS, SLOPES
 from splatcore.spec.schedule import schedule
 
 FACTOR = ("l00", "l10", "l11", "l20", "l21", "l22", *ATTENUATIONS)
 
 SPARE = 2  # rows of the output queue beyond the array's capacity, for its latency
-
-TABLES = ("write", "sh", "codebooks", "exponent", "small")
-"""Ports that come from the model's header and codebooks."""
 
 
 class Project(wiring.Component):
@@ -41,22 +40,6 @@ class Project(wiring.Component):
 
     Colours are computed by a separate unit, and wait in their own queue for the rest of their
     splats; or they are computed in the array from values that are looked up (`Config.colours`).
-
-    Members:
-        i: in, stream of `point_record` with x, y and z
-        chunks: in, stream of `projecting_record`, taken with the chunk's last point
-        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: in, stream of the beats of these attributes
-        write: in, stream of {address, word}, words of the codebook memory
-        sh: in, only if the machine has harmonics: the model has harmonics
-        codebooks: in, only if `Config.colours` is not `array`: the model has codebooks
-        exponent: in, E of each degree, from the model's header
-        small: in, only if `Config.small_models`: the model has half a beat of attributes per
-            Gaussian
-        constants: in, registers of the frame
-        o: out, stream of `splat_record`, in the order of `i`
-        entered, starved, blocked: out, the next round of the array begins with a Gaussian; without
-            one because none is complete; without one because splats are not taken
 
     **Timing**: one Gaussian every `plan.interval` cycles (`DEFAULT`: 6 on nine PEs); `plan.length`
     + 5 cycles from its attributes to its splat.
@@ -94,19 +77,20 @@ class Project(wiring.Component):
             self.ask = self.round["colour"] * self.plan.interval - 2 - self.colour.latency
             if self.ask < 0:
                 raise ValueError(f"{config.name}: colours are needed before they can be looked up")
-        members = self.colour.signature.members
-        inner = self.slots.signature.members
-        self.tables = [name for name in TABLES if name in members or name in inner]
         self.splats_inside = self.array.round_count + SPARE
         """Maximum number of splats in the array and in the queue behind it."""
-        ports = {name: inner[name] for name in ("i", "chunks", "wanted", "attributes")}
-        ports |= {name: (members if name in members else inner)[name] for name in self.tables}
-        ports |= {
-            "constants": In(codes(config, self.program.constants)),
-            "o": Out(stream.Signature(layout(splat_record(config)))),
-            "entered": Out(1),
-            "starved": Out(1),
-            "blocked": Out(1),
+        ports = {
+            "i": In(stream_of(point_record(config, "x y z"))),
+            "chunks": In(stream_of(projecting_record())),  # taken with the chunk's last point
+            "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
+            "write": In(stream.Signature(codebook_line(config))),  # words of the codebook memory
+            "frame": In(frame_state(config)),
+            "model": In(ModelState),
+            "o": Out(stream_of(splat_record(config))),  # in the order of `i`
+            "entered": Out(1),  # the next round of the array begins with a Gaussian
+            "starved": Out(1),  # it begins without one, because none is complete
+            "blocked": Out(1),  # it begins without one, because splats are not taken
         }
         super().__init__(ports)
 
@@ -119,11 +103,8 @@ class Project(wiring.Component):
         connect(m, flipped(self).wanted, self.slots.wanted)
         connect(m, flipped(self).attributes, self.slots.attributes)
         connect(m, flipped(self).write, self.colour.write)
-        for name in self.tables:
-            if name != "write":
-                part = self.slots if name == "small" else self.colour
-                m.d.comb += getattr(part, name).eq(getattr(self, name))
-        m.d.comb += self.array.constants.eq(self.constants)
+        m.d.comb += [part.model.eq(self.model) for part in (self.slots, self.colour)]
+        m.d.comb += same_fields(self.array.constants, self.frame.constants)
         room = self._output(m)
         self._enter(m, room)
         last_read = self._read(m)
@@ -225,9 +206,8 @@ class Project(wiring.Component):
                 convert = FromFixed(steps, config.arithmetic, 0)
             else:
                 convert = Convert(record[field], config.arithmetic, 0)
-            m.submodules[f"convert_{name}"] = convert
             bits = factor[record.offset(field) :][: record[field].width]
-            m.d.comb += [convert.i.eq(bits), convert.enable.eq(1), self._field(name).eq(convert.o)]
+            m.d.comb += self._field(name).eq(converted(m, f"convert_{name}", convert, bits))
 
     def _colours(self, m: Module) -> int:
         """Connect the inputs of `Colour`; return the last time at which a slot is read."""

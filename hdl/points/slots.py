@@ -5,14 +5,14 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect
 
-from splatcore.hdl.arithmetic.convert import Convert
+from splatcore.hdl.arithmetic.convert import Convert, converted
 from splatcore.hdl.lib.holds import holds, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue, Register
-from splatcore.hdl.points.array import codes
 from splatcore.hdl.points.codebook import FACTOR_BITS, INDEX_BITS
 from splatcore.hdl.points.colour import BEATS, RAY, RAYS, STEPS
 from splatcore.hdl.points.small import expanded
+from splatcore.hdl.points.state import ModelState, codes
 from splatcore.spec.colour import BASIS, LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.depth import low_format
@@ -40,20 +40,6 @@ class Slots(wiring.Component):
     """Holds points and requests their attributes; outputs slots whose attributes have come, in
     order.
 
-    Members:
-        i: in, stream of `point_record` with x, y and z
-        chunks: in, stream of `projecting_record`, taken with the chunk's last point
-        wanted: out, stream of `WANTED`, Gaussians whose attributes are to be read
-        attributes: in, stream of their beats, in the same order
-        ready: out, stream of slots that are complete
-        release: in, the oldest slot becomes free
-        read: in, {slot, enable} for each of `parts`
-        found: out, the parts read, one cycle later; held until the next reading
-        beat: out, only if `Config.colours` is not `array`: {valid, address, word}, a beat behind a
-            Gaussian's first, and its address in `hdl.points.colour`
-        small: in, only if `Config.small_models`: the model has half a beat of attributes per
-            Gaussian; stable for a frame; the beat of two neighbours is requested once
-
     **Timing**: one point per cycle; no multiplier; memories of `Config.projection_slots` words.
     """
 
@@ -63,21 +49,25 @@ class Slots(wiring.Component):
         self.slot = range(config.projection_slots)
         reading = data.StructLayout({"slot": self.slot, "enable": 1})
         ports = {
-            "i": In(stream.Signature(layout(point_record(config, "x y z")))),
-            "chunks": In(stream.Signature(layout(projecting_record()))),
-            "wanted": Out(stream.Signature(layout(WANTED))),
-            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),
-            "ready": Out(stream.Signature(self.slot)),
-            "release": In(1),
+            "i": In(stream_of(point_record(config, "x y z"))),
+            "chunks": In(stream_of(projecting_record())),  # taken with the chunk's last point
+            "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
+            "attributes": In(stream.Signature(ATTRIBUTE_BITS)),  # their beats, in the same order
+            "ready": Out(stream.Signature(self.slot)),  # slots that are complete
+            "release": In(1),  # the oldest slot becomes free
+            # the beat of two neighbours in a small model is requested once
+            "model": In(ModelState),
+            # {slot, enable} for each of `parts`
             "read": In(data.StructLayout(dict.fromkeys(self.parts, reading))),
+            # the parts read, one cycle later; held until the next reading
             "found": Out(data.StructLayout(self.parts)),
         }
         if self.beside:
             address = range(BEATS * config.projection_slots)
             line = {"valid": 1, "address": address, "word": ATTRIBUTE_BITS}
+            # {valid, address, word}, a beat behind a Gaussian's first, and its address in
+            # `hdl.points.colour`
             ports["beat"] = Out(data.StructLayout(line))
-        if config.small_models:
-            ports["small"] = In(1)
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -143,7 +133,7 @@ class Slots(wiring.Component):
         before = sum(Mux(count[k], place << k, 0) for k in range(len(count)))
         first = chunk.attributes + before
         if self.config.small_models:
-            first = Mux(self.small, first >> 1, first)
+            first = Mux(self.model.small, first >> 1, first)
         m.d.comb += [wanted.beat.eq(first), wanted.count.eq(count)]
 
     def _again(self, m: Module, push: Value) -> Value:
@@ -155,7 +145,7 @@ class Slots(wiring.Component):
             m.d.sync += begun.eq(0)
         with m.Elif(push):
             m.d.sync += [begun.eq(1), asked.eq(point.place[1:])]
-        return self.small & begun & (asked == point.place[1:])
+        return self.model.small & begun & (asked == point.place[1:])
 
     def _waiting(self, m: Module, push: Value, again: Value) -> Register | None:
         """Expected beats of the waiting Gaussians; None if all are alike."""
@@ -189,7 +179,7 @@ class Slots(wiring.Component):
         with m.If(taken & ~of.again):
             m.d.sync += high.eq(whole[SMALL_BITS:])
         half = Mux(of.again, high, Mux(of.upper, whole[SMALL_BITS:], whole[:SMALL_BITS]))
-        return Mux(self.small, expanded(half), whole)
+        return Mux(self.model.small, expanded(half), whole)
 
     def _beats(
         self, m: Module, waits: Register, taken: Value, filled: Value
@@ -210,15 +200,13 @@ class Slots(wiring.Component):
 
     def _ray(self, m: Module) -> Value:
         """The point's ray in the slot's format."""
-        rays = [self.i.payload[name] for name in RAY]
+        rays, format = [self.i.payload[name] for name in RAY], self.config.arithmetic
         if not self.beside:
             return Cat(rays)
-        converted = []
-        for name, ray in zip(RAY, rays, strict=True):
-            m.submodules[f"convert_{name}"] = convert = Convert(self.config.arithmetic, BASIS, 0)
-            m.d.comb += [convert.i.eq(ray), convert.enable.eq(1)]
-            converted.append(convert.o)
-        return Cat(converted)
+        return Cat(
+            converted(m, f"convert_{name}", Convert(format, BASIS, 0), ray)
+            for name, ray in zip(RAY, rays, strict=True)
+        )
 
     def _memory(self, m: Module, name: str, write, slot, value):
         """A part's memory: written here, read through the ports."""

@@ -58,20 +58,6 @@ class Terms(wiring.Component):
     Parameters:
         base: bits of the base
 
-    Members:
-        first: in, a Gaussian's first term comes in this cycle; its other terms follow
-        base: in, half of the base's multiplicands by channel, in the cycle after `first`
-        base_shift: in, the base's shift, in the cycle after `first`
-        base_three: in, the base's factor is 3 instead of 4, in the cycle after `first`
-        half: in, ½ is added to the base; stable for a frame
-        o: out, colours, codes of `unscaled_colour_format`, with all terms up to `latency` cycles
-            ago
-        shift: in, only if the machine has harmonics: the term's shift
-        three: in, only if the machine has harmonics: the term's factor is 3 instead of 4
-        multiplicands: in, only if the machine has harmonics: the term's, by channel and lane, 0 if
-            there is no polynomial
-        polynomials: in, only if the machine has harmonics: polynomials of the previous cycle's term
-
     **Timing**: one term per cycle, latency 5. Nine multipliers of 7 × 13 bits, built of adders here
     or by synthesis (`Config.logic`).
     """
@@ -83,16 +69,21 @@ class Terms(wiring.Component):
         self.config = config
         lanes = data.ArrayLayout(MULTIPLICAND, LANES)
         ports = {
-            "first": In(1),
+            "first": In(1),  # a Gaussian's first term comes in this cycle; its other terms follow
+            # half of the base's multiplicands by channel, in the cycle after `first`
             "base": In(data.ArrayLayout(signed(base), len(CHANNELS))),
-            "base_shift": In(SHIFT_BITS),
-            "base_three": In(1),
-            "half": In(1),
+            "base_shift": In(SHIFT_BITS),  # the base's shift, in the cycle after `first`
+            "base_three": In(1),  # the base's factor is 3 instead of 4, in the cycle after `first`
+            "half": In(1),  # ½ is added to the base; stable for a frame
+            # colours, codes of `unscaled_colour_format`, with all terms up to `latency` cycles ago
             "o": Out(data.ArrayLayout(unscaled_colour_format(config).width, len(CHANNELS))),
         }
         if config.sh_degree:
-            ports |= {"shift": In(SHIFT_BITS), "three": In(1)}
+            ports["shift"] = In(SHIFT_BITS)  # the term's
+            ports["three"] = In(1)  # the term's factor is 3 instead of 4
+            # the term's, by channel and lane, 0 if there is no polynomial
             ports["multiplicands"] = In(data.ArrayLayout(lanes, len(CHANNELS)))
+            # of the previous cycle's term
             ports["polynomials"] = In(data.ArrayLayout(signed(POLYNOMIAL.width), LANES))
         super().__init__(ports)
 

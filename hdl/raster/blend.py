@@ -40,29 +40,6 @@ class Blend(wiring.Component):
         blocks: number of blocks in the memories
         pixels: pixels per block; fewer are useful for measurements
 
-    Members:
-        valid: in, an operation on `block`
-        block: in, number of the block in the memory
-        coming: in, only if `Config.logic` is `fpga`: `block` of the next cycle, unless this one is
-            valid and has to wait
-        log2_alphas: in, `log2_alpha_layout` of the block's pixels
-        colour: in, of the splat
-        inside: in, one bit per pixel: it is within the image; the others are terminated from the
-            start
-        give: in, the block is output and reset
-        blends: in, a splat is blended into the block, after `give`
-        rest: in, all of the remaining T is blended with the colour
-        busy: out, `block` cannot be blended now
-        entered: out, in the two cycles before, a block to be blended was taken
-        blended: out, block `blended_block` has been blended
-        blended_block: out, its number
-        ended: out, all its pixels are terminated
-        level: out, one bit for each level of `spec.raster.mark_min` from 1 on: it is at it or above
-        giving: out, a block to be output is in flight
-        given: out, `o` is valid
-        given_block: out, number of the block at `o`
-        o: out, 8-bit colours of the block's pixels
-
     **Timing**: one block per cycle, the same block again after `BUSY` cycles; each of the 16 lanes
     has one multiplier, or four (`Config.logic`). The memories have a write port and a read port of
     a block's pixels each.
@@ -76,26 +53,32 @@ class Blend(wiring.Component):
         self.number = range(blocks)
         self.colour_shape = layout(Record("colour", colours(config)))
         ports = {
-            "valid": In(1),
-            "block": In(self.number),
-            **({"coming": In(self.number)} if config.logic == "fpga" else {}),
+            "valid": In(1),  # an operation on `block`
+            "block": In(self.number),  # number of the block in the memory
+            # of the block's pixels
             "log2_alphas": In(data.ArrayLayout(log2_alpha_layout(config), self.pixels)),
-            "colour": In(self.colour_shape),
+            "colour": In(self.colour_shape),  # of the splat
+            # one bit per pixel: it is within the image; the others are terminated from the start
             "inside": In(self.pixels),
-            "give": In(1),
-            "blends": In(1),
-            "rest": In(1),
-            "busy": Out(1),
-            "entered": Out(1),
-            "blended": Out(1),
-            "blended_block": Out(self.number),
-            "ended": Out(1),
+            "give": In(1),  # the block is output and reset
+            "blends": In(1),  # a splat is blended into the block, after `give`
+            "rest": In(1),  # all of the remaining T is blended with the colour
+            "busy": Out(1),  # `block` cannot be blended now
+            "entered": Out(1),  # in the two cycles before, a block to be blended was taken
+            "blended": Out(1),  # block `blended_block` has been blended
+            "blended_block": Out(self.number),  # its number
+            "ended": Out(1),  # all its pixels are terminated
+            # one bit for each level of `spec.raster.mark_min` from 1 on: it is at it or above
             "level": Out(len(mark_min(config)) - 1),
-            "giving": Out(1),
-            "given": Out(1),
-            "given_block": Out(self.number),
+            "giving": Out(1),  # a block to be output is in flight
+            "given": Out(1),  # `o` is valid
+            "given_block": Out(self.number),  # number of the block at `o`
+            # 8-bit colours of the block's pixels
             "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
         }
+        if config.logic == "fpga":
+            # `block` of the next cycle, unless this one is valid and has to wait
+            ports["coming"] = In(self.number)
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -205,9 +188,8 @@ class Blend(wiring.Component):
             acts, ends = Signal(name=f"acts_{pixel}"), Signal(name=f"ends_{pixel}")
             after = Signal.like(lane.rest)
             faint, last = Const(0), lane.rest
-            if config.faint:
-                from_, below, _ = config.faint
-                faint = ~lane.rest[bits - from_ :].any() & ~taken[bits - below :].any()
+            if rule := config.faint:
+                faint = ~lane.rest[bits - rule.dark :].any() & ~taken[bits - rule.taken :].any()
                 last = Const(0)
             m.d.comb += [
                 taken.eq((lane.product >> config.power_mantissa) >> lane.halvings),
@@ -221,7 +203,7 @@ class Blend(wiring.Component):
             less = Mux(before.rest, 0, after[coarser:])
             m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
-                bright[k] |= after[bits - config.faint[0] - k :].any() & ~ended[pixel]
+                bright[k] |= after[bits - config.faint.dark - k :].any() & ~ended[pixel]
         blended = valid & before.blends & ~before.rest
         m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]

@@ -36,13 +36,6 @@ class Evaluate(wiring.Component):
         rasterizer: its number
         pixels: number of pixels, from the first row on; fewer are useful for measurements
 
-    Members:
-        quadratic: in, `quadratic_record`, E around the tile
-        number: in, one-hot, which of the rasterizer's blocks of a tile
-        enable: in, the pipeline advances
-        log2_alphas: out, `log2_alpha_layout` of the pixels row by row, `LATENCY` enabled cycles
-            later
-
     **Timing**: one block per cycle; no multiplier.
     """
 
@@ -51,9 +44,10 @@ class Evaluate(wiring.Component):
     def __init__(self, config: Config, rasterizer: int, pixels: int = BLOCK**2):
         self.config, self.blocks, self.pixels = config, owned(config, rasterizer), pixels
         ports = {
-            "quadratic": In(layout(quadratic_record(config))),
-            "number": In(len(self.blocks)),
-            "enable": In(1),
+            "quadratic": In(layout(quadratic_record(config))),  # E around the tile
+            "number": In(len(self.blocks)),  # one-hot, which of the rasterizer's blocks of a tile
+            "enable": In(1),  # the pipeline advances
+            # of the pixels row by row, `LATENCY` enabled cycles later
             "log2_alphas": Out(data.ArrayLayout(log2_alpha_layout(config), pixels)),
         }
         super().__init__(ports)

@@ -7,7 +7,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Register, passes, soon
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.spec import group, raster
@@ -25,29 +25,21 @@ class Features(wiring.Component):
     A splat's feature is read once for all tiles of a group, unless it is known that none of its
     tiles has a live pixel any more.
 
-    Members:
-        i: in, stream of `sorted_record`
-        o: out, stream of `featured_record`
-        features_at: in, address of the features, in beats
-        live: in, tiles of the group at `o` that have live pixels
-        stop: out, no tile of the group at `i`, which is the same group, has live pixels; its
-            further splats are dropped
-        reads: out, stream of `read_record`, to memory
-        data: in, stream of `read_beat`, from memory
-
     **Timing**: one splat per cycle, `FEATURES_WAITING` in flight.
     """
 
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(group.sorted_record(config)))),
-            "o": Out(stream.Signature(layout(raster.featured_record(config)))),
-            "features_at": In(BEAT_ADDRESS_BITS),
-            "live": In(config.group**2),
+            "i": In(stream_of(group.sorted_record(config))),
+            "o": Out(stream_of(raster.featured_record(config))),
+            "features_at": In(BEAT_ADDRESS_BITS),  # address of the features, in beats
+            "live": In(config.group**2),  # tiles of the group at `o` that have live pixels
+            # no tile of the group at `i`, which is the same group, has live pixels; its further
+            # splats are dropped
             "stop": Out(1),
-            "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat(config))),
+            "reads": Out(stream_of(read_record())),  # to memory
+            "data": In(stream.Signature(read_beat(config))),  # from memory
         }
         super().__init__(ports)
         self.known = Signal()  # `live` is about the group at `i`

@@ -21,13 +21,6 @@ class Finished(wiring.Component):
 
     Blocks come in any order, and leave in the order of `spec.raster.nth_block`, group after group.
 
-    Members:
-        valid: in, a block comes; its place must be free
-        block: in, its number in the group
-        pixels: in, its pixels
-        taken: out, one bit per place: it is not free
-        o: out, stream of `pixels_record`
-
     **Timing**: one block per cycle; a block can leave two cycles after it came. The memory has a
     row per block, a write port and a read port.
     """
@@ -36,11 +29,11 @@ class Finished(wiring.Component):
         self.config, self.blocks = config, block_count(config)
         record = layout(pixels_record(config))
         ports = {
-            "valid": In(1),
-            "block": In(range(self.blocks)),
-            "pixels": In(record["pixels"].shape),
-            "taken": Out(self.blocks),
-            "o": Out(stream.Signature(record)),
+            "valid": In(1),  # a block comes; its place must be free
+            "block": In(range(self.blocks)),  # its number in the group
+            "pixels": In(record["pixels"].shape),  # its pixels
+            "taken": Out(self.blocks),  # one bit per place: it is not free
+            "o": Out(stream.Signature(record)),  # `pixels_record`
         }
         super().__init__(ports)
 

@@ -6,13 +6,14 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Fork, Queue, Register
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack
 from splatcore.hdl.memory.share import Share
+from splatcore.hdl.raster.job import job_layout
 from splatcore.spec import convention, work
-from splatcore.spec.axi import BEAT_ADDRESS_BITS, BURST_BEATS, DATA_BITS, port_beats, read_record
+from splatcore.spec.axi import BURST_BEATS, DATA_BITS, port_beats, read_record
 from splatcore.spec.binning import group_record, groups_max
 from splatcore.spec.config import Config
 from splatcore.spec.raster import position_record
@@ -27,25 +28,18 @@ EMPTY_WAITING = 2  # groups without entries that wait to be written
 class Walk(wiring.Component):
     """A walk through the groups of an image, row after row.
 
-    Members:
-        start: in, go to the first group
-        rows, columns: in, of the image, in groups
-        step: in, go to the next group
-        position: out, `position_record` of the present group
-        active: out, `position` is valid: the last group is not yet past
-
     **Timing**: one group per cycle.
     """
 
     def __init__(self, config: Config):
         side = convention.TILE * config.group
         ports = {
-            "start": In(1),
-            "rows": In(range(config.side_max // side + 2)),
-            "columns": In(range(config.side_max // side + 2)),
-            "step": In(1),
-            "position": Out(layout(position_record(config))),
-            "active": Out(1),
+            "start": In(1),  # go to the first group
+            "rows": In(range(config.side_max // side + 2)),  # of the image, in groups
+            "columns": In(range(config.side_max // side + 2)),  # of the image, in groups
+            "step": In(1),  # go to the next group
+            "position": Out(layout(position_record(config))),  # of the present group
+            "active": Out(1),  # `position` is valid: the last group is not yet past
         }
         super().__init__(ports)
 
@@ -67,39 +61,25 @@ class Groups(wiring.Component):
     There are two walks: one passes on the groups with entries as fast as they are taken; the other
     finds the groups without entries, far ahead of the first.
 
-    Members:
-        start: in, a frame begins
-        width, height: in, of its image, pixels
-        groups_at: in, address of its table, in beats
-        lists: out, stream of `group_record`, groups with entries, for sorting
-        positions: out, stream of `position_record`, groups with entries, for rasterizing
-        pixels: out, stream of `position_record`, groups with entries, for writing pixels
-        empty: out, stream of `position_record`, groups without entries
-        groups: out, number of groups of the image, valid a few cycles after `start`
-        busy: out, groups of the image are still to be visited, or in flight
-        reads: out, stream of `read_record`, to memory
-        data: in, stream of `read_beat`, from memory
-
     **Timing**: one group with entries per cycle; the other walk takes 4 cycles and memory's latency
     per group. One multiplier, for `groups`.
     """
 
     def __init__(self, config: Config):
         self.config = config
-        position = Out(stream.Signature(layout(position_record(config))))
         ports = {
-            "start": In(1),
-            "width": In(range(config.side_max + 1)),
-            "height": In(range(config.side_max + 1)),
-            "groups_at": In(BEAT_ADDRESS_BITS),
-            "lists": Out(stream.Signature(layout(group_record()))),
-            "positions": position,
-            "pixels": position,
-            "empty": position,
+            "start": In(1),  # a frame begins
+            "job": In(job_layout(config)),
+            "lists": Out(stream_of(group_record())),  # groups with entries, for sorting
+            # groups with entries, for rasterizing and for writing pixels; groups without entries
+            "positions": Out(stream_of(position_record(config))),
+            "pixels": Out(stream_of(position_record(config))),
+            "empty": Out(stream_of(position_record(config))),
+            # number of groups of the image, valid a few cycles after `start`
             "groups": Out(range(groups_max(config) + 1)),
-            "busy": Out(1),
-            "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat(config))),
+            "busy": Out(1),  # groups of the image are still to be visited, or in flight
+            "reads": Out(stream_of(read_record())),  # to memory
+            "data": In(stream.Signature(read_beat(config))),  # from memory
         }
         super().__init__(ports)
 
@@ -119,8 +99,8 @@ class Groups(wiring.Component):
         self.walk, self.search = Walk(self.config), Walk(self.config)
         m.submodules.walk, m.submodules.search = self.walk, self.search
         rows, columns = Signal.like(self.walk.rows), Signal.like(self.walk.columns)
-        m.d.sync += rows.eq((self.height + side - 1) // side)
-        m.d.sync += columns.eq((self.width + side - 1) // side)
+        m.d.sync += rows.eq((self.job.height + side - 1) // side)
+        m.d.sync += columns.eq((self.job.width + side - 1) // side)
         m.d.sync += self.groups.eq(rows * columns)
         waits = Signal(3)
         m.d.sync += waits.eq(Cat(self.start, waits))
@@ -141,7 +121,7 @@ class Groups(wiring.Component):
         a_beat = DATA_BITS // 8 // work.SLOT
         m.d.comb += [  # both are free, as the last frame has ended
             fetch.i.valid.eq(known),
-            fetch.i.payload.beat.eq(self.groups_at),
+            fetch.i.payload.beat.eq(self.job.area.groups),
             fetch.i.payload.count.eq((self.groups + a_beat - 1) // a_beat),
             unpack.counts.valid.eq(known),
             unpack.counts.payload.eq(self.groups),
@@ -190,7 +170,7 @@ class Groups(wiring.Component):
         group = Signal(layout(group_record()))
         m.d.comb += [
             asks.valid.eq(walk.active & ~asked & queued.ready),
-            asks.payload.beat.eq(self.groups_at + number[low:] * port_beats(self.config)),
+            asks.payload.beat.eq(self.job.area.groups + number[low:] * port_beats(self.config)),
             asks.payload.length.eq(0),
             beat.ready.eq(1),
             group.eq(beat.payload.beat.word_select(number[:low], self.config.port // slots)),

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import Fetch, Unpack, unpacked
@@ -34,15 +34,6 @@ class ListReader(wiring.Component):
         depth: beats that may wait
         burst: beats per request
 
-    Members:
-        lists_at, scratch_at: in, addresses of the pages and of the buckets, in beats
-        i: in, stream of `listed_record`
-        o: out, stream of `entry_record`, list by list
-        reads: out, stream of `read_record`, to memory
-        data: in, stream of `read_beat`, from memory
-        in_scratch: out, only if there are windows (`hdl.memory.window`): the request at `reads` is
-            for scratch memory
-
     **Timing**: one entry per cycle; two cycles from a page's last beat to the request for the next
     page. The last slot of a page is the number of the next page; of a list's last page only the
     beats with entries are read.
@@ -51,14 +42,17 @@ class ListReader(wiring.Component):
     def __init__(self, config: Config, depth: int = BEATS_WAITING, burst: int = BURST):
         self.config, self.depth, self.burst = config, depth, burst
         ports = {
+            # addresses of the pages and of the buckets, in beats
             "lists_at": In(BEAT_ADDRESS_BITS),
             "scratch_at": In(BEAT_ADDRESS_BITS),
-            "i": In(stream.Signature(layout(listed_record()))),
-            "o": Out(stream.Signature(layout(entry_record(config)))),
-            "reads": Out(stream.Signature(layout(read_record()))),
-            "data": In(stream.Signature(read_beat(config))),
+            "i": In(stream_of(listed_record())),
+            "o": Out(stream_of(entry_record(config))),  # list by list
+            "reads": Out(stream_of(read_record())),  # to memory
+            "data": In(stream.Signature(read_beat(config))),  # from memory
         }
-        super().__init__(ports | ({"in_scratch": Out(1)} if window_bits(config) else {}))
+        if window_bits(config):
+            ports["in_scratch"] = Out(1)  # the request at `reads` is for scratch memory
+        super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -49,11 +49,6 @@ class Mark(wiring.Component):
     the
     block: E is concave, so it is nowhere above that plane.
 
-    Members:
-        i: in, `around_record`
-        enable: in, the pipeline advances
-        o: out, `marked_record` with the tile's blocks by level, `LATENCY` enabled cycles later
-
     **Timing**: one pair per cycle; no multiplier.
     """
 
@@ -63,7 +58,8 @@ class Mark(wiring.Component):
         self.config = config
         ports = {
             "i": In(layout(around_record(config))),
-            "enable": In(1),
+            "enable": In(1),  # the pipeline advances
+            # with the tile's blocks by level, `LATENCY` enabled cycles later
             "o": Out(layout(marked_record(config, Array(Bits(BLOCKS**2), len(mark_min(config)))))),
         }
         super().__init__(ports)

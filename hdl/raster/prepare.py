@@ -1,28 +1,17 @@
 """Stage 3, first step: converts a splat's features to the integers that setup works with."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.latency import Pipeline
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Pipe
+from splatcore.spec import raster
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import Config
 from splatcore.spec.feature import FACTOR, FACTOR_SCALE, SHEAR, whole_colours
 from splatcore.spec.number import Fixed, Float
-from splatcore.spec.raster import (
-    COLOURS,
-    FACTOR_FRACTION,
-    MIXED_GUARD,
-    SHIFT,
-    SHIFT_MIN,
-    SLOPE,
-    featured_record,
-    lean_unit,
-    mixed_shift,
-    readied_record,
-)
 
 CUTS = ("parts", "shifted", "mixed", "squared", "summed")
 """Registers are behind the values with these names."""
@@ -66,18 +55,15 @@ def _clipped(amount: Value, most: int) -> Value:
 class Prepare(wiring.Component):
     """Converts a splat's features to a `readied_record`, by shifts and two products.
 
-    Members:
-        i: in, stream of `featured_record`: a splat with the tiles it reaches, or a group's end
-        o: out, stream of `readied_record`, the same in the integers of setup
-
     **Timing**: one splat per cycle, latency `len(CUTS)`; two multipliers, of 11 and 18 × 19 bits.
     """
 
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(featured_record(config)))),
-            "o": Out(stream.Signature(layout(readied_record(config)))),
+            # a splat with the tiles it reaches, or a group's end
+            "i": In(stream_of(raster.featured_record(config))),
+            "o": Out(stream_of(raster.readied_record(config))),  # the same in the integers of setup
         }
         super().__init__(ports)
 
@@ -89,9 +75,9 @@ class Prepare(wiring.Component):
         self.pipeline = Pipeline(m, pipe.enable, dict.fromkeys(CUTS, 1))
         values = self._cut("parts", self._parts())
         values = self._cut("shifted", self._shifted(values))
-        values["mixed"] = (values["across"] * values["slope"]) >> mixed_shift(self.config)
+        values["mixed"] = (values["across"] * values["slope"]) >> raster.mixed_shift(self.config)
         values = self._cut("mixed", values)
-        right = SLOPE.fraction + MIXED_GUARD
+        right = raster.SLOPE.fraction + raster.MIXED_GUARD
         values["squared"] = (values["mixed"] * values["slope"]) >> right
         values = self._cut("squared", values)
         values |= self._curvature(values)
@@ -113,11 +99,11 @@ class Prepare(wiring.Component):
         for name, shift in (("across", "k"), ("along", "m")):
             factor = Parts(FACTOR, i.splat[name])
             power = factor.exponent - FACTOR_SCALE
-            values[shift] = (-((power + 1) >> 1))[: SHIFT.width].as_signed()
+            values[shift] = (-((power + 1) >> 1))[: raster.SHIFT.width].as_signed()
             values[name] = Mux(power[0], factor.magnitude, factor.magnitude << 1)
         shear = Parts(SHEAR, i.splat.shear)
         values |= {"shear": shear.significand, "shear_exponent": shear.exponent}
-        for name in COLOURS:
+        for name in raster.COLOURS:
             colour = whole_colours(self.config, i.splat[name], Mux)
             values[name] = colour[: colour_format(self.config).width]
         return values
@@ -126,19 +112,21 @@ class Prepare(wiring.Component):
         """Numbers in the formats of `prepared_record`."""
         done = dict(values)
         exponent, k, m = done.pop("shear_exponent"), values["k"], values["m"]
-        right = k - exponent + (SHEAR.fraction - SLOPE.fraction)
-        done["slope"] = fitted(values["shear"], right, SHEAR, SLOPE)
-        shifts = {"k": k, "m": m, "lean_shift": lean_unit(self.config) - exponent}
+        right = k - exponent + (SHEAR.fraction - raster.SLOPE.fraction)
+        done["slope"] = fitted(values["shear"], right, SHEAR, raster.SLOPE)
+        shifts = {"k": k, "m": m, "lean_shift": raster.lean_unit(self.config) - exponent}
         shifts |= {"across_shift": k - values["scale"], "along_shift": m - values["scale"]}
-        return done | {name: (shift - SHIFT_MIN)[: SHIFT.width] for name, shift in shifts.items()}
+        return done | {
+            name: (shift - raster.SHIFT_MIN)[: raster.SHIFT.width] for name, shift in shifts.items()
+        }
 
     def _curvature(self, values: dict[str, Value]) -> dict[str, Value]:
         """E's second differences."""
-        k, m = values["k"] + SHIFT_MIN, values["m"] + SHIFT_MIN
-        coarser = FACTOR_FRACTION - self.config.exponent_fraction
+        k, m = values["k"] + raster.SHIFT_MIN, values["m"] + raster.SHIFT_MIN
+        coarser = raster.FACTOR_FRACTION - self.config.exponent_fraction
         return {
             "cxx": _shifted(values["across"], (k << 1) + coarser, coarser - 2),
-            "cxy": _shifted(values["mixed"], k + (MIXED_GUARD - 1), MIXED_GUARD - 2),
+            "cxy": _shifted(values["mixed"], k + (raster.MIXED_GUARD - 1), raster.MIXED_GUARD - 2),
             "cyy": values["squared"] + _shifted(values["along"], (m << 1) + coarser, coarser - 2),
         }
 

@@ -1,22 +1,22 @@
 """Stage 3 connected: the sorted splats of each group to 8-bit pixels."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.credit import within
 from splatcore.hdl.lib.holds import enough, keeps
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded, lowest
 from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
+from splatcore.hdl.raster.job import job_layout
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.prepare import CUTS, Prepare
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING, Rasterizer
 from splatcore.hdl.raster.setup import Setup
 from splatcore.spec import counters, raster
 from splatcore.spec.config import Config
-from splatcore.spec.record import Record
 
 SPLATS_WAITING = 16
 """Splats that may wait before stage 3: dead ones are dropped while others have many tiles."""
@@ -29,12 +29,6 @@ class Expand(wiring.Component):
     """Stage 3, second step: a pair for each tile of a splat that has live pixels, and a group's
     end.
 
-    Members:
-        i: in, stream of `readied_record`
-        positions: in, stream of `position_record`, one per group, taken with the group's end
-        live: in, the group's tiles that have live pixels
-        o: out, stream of `pair_record`; a waiting pair stays, even if its tile has ended meanwhile
-
     **Timing**: one pair per cycle; a splat without live tiles takes one cycle. No registers except
     for the tiles done and the tile offered.
     """
@@ -42,10 +36,12 @@ class Expand(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(raster.readied_record(config)))),
-            "positions": In(stream.Signature(layout(raster.position_record(config)))),
-            "live": In(config.group**2),
-            "o": Out(stream.Signature(layout(raster.pair_record(config)))),
+            "i": In(stream_of(raster.readied_record(config))),
+            # one per group, taken with the group's end
+            "positions": In(stream_of(raster.position_record(config))),
+            "live": In(config.group**2),  # the group's tiles that have live pixels
+            # a waiting pair stays, even if its tile has ended meanwhile
+            "o": Out(stream_of(raster.pair_record(config))),
         }
         super().__init__(ports)
 
@@ -89,18 +85,6 @@ def counted(config: Config) -> tuple[str, ...]:
 class Raster(wiring.Component):
     """Blends each group's splats in the order in which they come.
 
-    Members:
-        i: in, stream of `featured_record`: a group's splats front to back, then its end
-        positions: in, stream of `position_record`, the groups' positions in their order
-        width, height: in, of the image, pixels
-        background: in, a colour (`spec.colour.colour_format`)
-        live: out, tiles of the group at `i` that have live pixels; splats of others are not needed
-        o: out, streams of `pixels_record`, one per rasterizer: blocks within the image, group after
-            group, each once
-        clear: in, all counters are 0
-        counters: out, counts of `counted`: splats taken; those without a live tile; pairs of a
-            splat and a tile; pairs without a marked block; cycles in which a pair waited
-
     Internal:
         splats: the queue of splats
         rasterizers: the rasterizers
@@ -118,18 +102,19 @@ class Raster(wiring.Component):
         self.dropped = Signal()
         self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
         self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
-        pixels = Out(stream.Signature(layout(raster.pixels_record(config)))).array(
-            config.rasterizers
-        )
         ports = {
-            "i": In(stream.Signature(layout(raster.featured_record(config)))),
-            "positions": In(stream.Signature(layout(raster.position_record(config)))),
-            "width": In(range(config.side_max + 1)),
-            "height": In(range(config.side_max + 1)),
-            "background": In(layout(Record("colour", raster.colours(config)))),
+            # a group's splats front to back, then its end
+            "i": In(stream_of(raster.featured_record(config))),
+            # the groups' positions in their order
+            "positions": In(stream_of(raster.position_record(config))),
+            "job": In(job_layout(config)),
+            # tiles of the group at `i` that have live pixels; splats of others are not needed
             "live": Out(config.group**2),
-            "o": pixels,
-            "clear": In(1),
+            # one per rasterizer: blocks within the image, group after group, each once
+            "o": Out(stream_of(raster.pixels_record(config))).array(config.rasterizers),
+            "clear": In(1),  # all counters are 0
+            # counts of `counted`: splats taken; those without a live tile; pairs of a splat and a
+            # tile; pairs without a marked block; cycles in which a pair waited
             "counters": Out(counters_layout(counted(config))),
         }
         super().__init__(ports)
@@ -147,8 +132,7 @@ class Raster(wiring.Component):
         for number, part in enumerate(self.rasterizers):
             m.submodules[f"rasterizer{number}"] = part
             self._register(m, f"position{number}", fork.o[number], part.positions)
-            m.d.comb += [part.width.eq(self.width), part.height.eq(self.height)]
-            m.d.comb += part.background.eq(self.background)
+            m.d.comb += part.job.eq(self.job)
             connect(m, part.o, flipped(self.o[number]))
         self._admit(m)
         o = self.expand.o

@@ -7,22 +7,23 @@ it, because the lanes reset it then, or one after the other, when the lanes are 
 from collections.abc import Sequence
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.latency import Pipeline
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.shift import encoded, lowest, several
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.finished import Finished, nth
+from splatcore.hdl.raster.job import job_layout
 from splatcore.spec import raster
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.number import Bits
-from splatcore.spec.record import Array, Record
+from splatcore.spec.record import Array
 
 PAIRS_WAITING = 16
 """Pairs that may wait before a rasterizer: others may have more blocks of the same splats."""
@@ -33,20 +34,6 @@ STAGES = 1 + Evaluate.LATENCY
 
 class Rasterizer(wiring.Component):
     """Evaluates and blends one marked block per cycle; outputs a group's pixels after its end.
-
-    Members:
-        i: in, stream of `marked_record` with this rasterizer's blocks by level, or a group's end
-        positions: in, stream of `position_record`, one per group
-        width, height: in, of the image, pixels
-        background: in, a colour
-        started: out, a group is being rasterized
-        group: out, its number modulo 2^GROUP_BITS
-        live: out, blocks of each of the group's tiles that have live pixels
-        level: out, for each level from 1 on (`spec.raster.mark_min`), blocks that are at it or
-            above
-        o: out, stream of `pixels_record`, the group's blocks (`spec.raster.nth_block`)
-        blended: out, a block enters the lanes
-        waited: out, no block enters the lanes although the group has not ended
 
     Internal:
         pairs: the queue of pairs
@@ -66,18 +53,20 @@ class Rasterizer(wiring.Component):
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
         self.finished = Finished(config)
         ports = {
-            "i": In(stream.Signature(layout(pair))),
-            "positions": In(stream.Signature(layout(raster.position_record(config)))),
-            "width": In(range(config.side_max + 1)),
-            "height": In(range(config.side_max + 1)),
-            "background": In(layout(Record("colour", raster.colours(config)))),
-            "started": Out(1),
-            "group": Out(raster.GROUP_BITS, init=-1),
+            # `marked_record` with this rasterizer's blocks by level, or a group's end
+            "i": In(stream_of(pair)),
+            "positions": In(stream_of(raster.position_record(config))),  # one per group
+            "job": In(job_layout(config)),
+            "started": Out(1),  # a group is being rasterized
+            "group": Out(raster.GROUP_BITS, init=-1),  # its number modulo 2^GROUP_BITS
+            # blocks of each of the group's tiles that have live pixels
             "live": Out(data.ArrayLayout(len(self.own), self.tiles)),
+            # for each level from 1 on (`spec.raster.mark_min`), blocks that are at it or above
             "level": Out(data.ArrayLayout(len(self.own), self.tiles)).array(self.levels),
-            "o": Out(stream.Signature(layout(raster.pixels_record(config)))),
-            "blended": Out(1),
-            "waited": Out(1),
+            # the group's blocks (`spec.raster.nth_block`)
+            "o": Out(stream_of(raster.pixels_record(config))),
+            "blended": Out(1),  # a block enters the lanes
+            "waited": Out(1),  # no block enters the lanes although the group has not ended
         }
         super().__init__(ports)
 
@@ -124,8 +113,8 @@ class Rasterizer(wiring.Component):
         position = self.positions.payload
         behind = self.visiting.any() | self.blend.entered
         m.d.comb += self.positions.ready.eq(~self.started & ~behind)
-        columns = self._inside(position.column, self.width, BLOCK)
-        rows = self._inside(position.row, self.height, BLOCK)
+        columns = self._inside(position.column, self.job.width, BLOCK)
+        rows = self._inside(position.row, self.job.height, BLOCK)
         begins, blend = self.positions.valid & self.positions.ready, self.blend
         # The result of a block is known here a cycle later, unless its group is over then.
         shape = {"block": blend.blended_block.shape(), "ended": 1, "level": len(blend.level)}
@@ -198,7 +187,7 @@ class Rasterizer(wiring.Component):
         stale, blocked = (
             blocks.as_value().bit_select(number, 1) for blocks in (self.stale, self.blocked)
         )
-        background = self.background.as_value().any()
+        background = self.job.background.as_value().any()
         behind = self.giving.any() | self.blend.giving  # one may still be in flight to its place
         m.d.comb += [
             self.gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
@@ -250,7 +239,7 @@ class Rasterizer(wiring.Component):
             blend.blends.eq(visit | rests),
             blend.rest.eq(rests),
             blend.log2_alphas.eq(evaluate.log2_alphas),
-            blend.colour.eq(Mux(rests, self.background, Cat(colour))),
+            blend.colour.eq(Mux(rests, self.job.background, Cat(colour))),
             self.moves.eq(~blend.valid | ~blend.busy),
             self.blended.eq(seen & ~blend.busy),
         ]
@@ -281,6 +270,6 @@ class Rasterizer(wiring.Component):
             tile_column = tile_row = 0
         column = (self.position.column * side + tile_column) * raster.BLOCKS + columns
         row = (self.position.row * side + tile_row) * raster.BLOCKS + rows
-        across = [column * BLOCK + k < self.width for k in range(BLOCK)]
-        down = [row * BLOCK + k < self.height for k in range(BLOCK)]
+        across = [column * BLOCK + k < self.job.width for k in range(BLOCK)]
+        down = [row * BLOCK + k < self.job.height for k in range(BLOCK)]
         m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))

@@ -4,73 +4,25 @@ from amaranth.hdl import Cat, Module
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from splatcore.hdl.lib.record import AREA, layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Slot
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
-from splatcore.hdl.memory.window import area_windows, client_windows
+from splatcore.hdl.memory.window import client_windows
 from splatcore.hdl.raster.features import Features
 from splatcore.hdl.raster.groups import Groups
+from splatcore.hdl.raster.job import READING, WRITING, job_layout
 from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, LONG_BURST, ListReader
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.sorting.deal import Deal
 from splatcore.hdl.sorting.sort import Sort
-from splatcore.spec import record, work
-from splatcore.spec.axi import (
-    BEAT_ADDRESS_BITS,
-    BEAT_BITS,
-    LINE_BEATS,
-    READ_AREAS,
-    WRITE_AREAS,
-    read_record,
-    window_bits,
-    write_record,
-)
+from splatcore.spec import axi
 from splatcore.spec.config import Config
-from splatcore.spec.raster import colours
-
-READING = ("groups", "long_lists", "lists", "features")
-WRITING = ("buckets", "pixels")  # names of its readers and writers in `spec.axi`, in that order
-
-
-def job_layout(config: Config) -> data.StructLayout:
-    """Layout of a frame's parameters for this half.
-
-    Addresses and distances are in beats. `windows` (of its areas) is left out if all memory is one
-    window.
-    """
-    areas = area_windows(config, READING, WRITING)
-    windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
-    return data.StructLayout(
-        {
-            "width": range(config.side_max + 1),
-            "height": range(config.side_max + 1),
-            "background": layout(record.Record("colour", colours(config))),
-            "area": AREA,
-            "scratch": BEAT_ADDRESS_BITS,
-            "pixels": BEAT_ADDRESS_BITS,
-            "stride": work.STRIDE_BITS - BEAT_BITS,
-        }
-        | ({"windows": windows} if areas else {})
-    )
 
 
 class Render(wiring.Component):
     """Stages 2 and 3 with their memory access, frame by frame.
-
-    Members:
-        start: in, begin a frame
-        job: in, `job_layout`, its parameters, stable until `done`
-        reads: out, streams of `read_record` to memory, one for each of `READING`
-        data: in, streams of `read_beat` from memory, one for each of `READING`
-        writes: out, streams of `write_record` to memory, one for each of `WRITING`
-        settled: in, one bit for each of `WRITING`: all its written data is in memory
-        patient: out, one bit for each of `WRITING`: its writes may wait for all others
-        done: out, the frame's pixels are in memory
-        counters: out, counters of `hdl.sorting.sort` and `hdl.raster.raster`
-        read_windows, write_windows: out, only if there are windows (`hdl.memory.window`): windows
-            of `reads` and `writes`
 
     **Timing**: as its slowest part, if memory keeps up; a few hundred cycles more before the first
     pair and after the last.
@@ -81,21 +33,28 @@ class Render(wiring.Component):
         self.groups, self.deal, self.sort = Groups(config), Deal(config), Sort(config)
         self.long_lists = ListReader(config, LONG_BEATS_WAITING, LONG_BURST)
         self.lists = ListReader(config)
-        self.buckets, self.features = Store(config, LINE_BEATS), Features(config)
+        self.buckets, self.features = Store(config, axi.LINE_BEATS), Features(config)
         self.raster, self.pixels = Raster(config), Pixels(config)
         parts = {"sort": self.sort, "raster": self.raster}
         counters = {name: part.counters.shape() for name, part in parts.items()}
         ports = {
-            "start": In(1),
-            "job": In(job_layout(config)),
-            "reads": Out(stream.Signature(layout(read_record()))).array(len(READING)),
+            "start": In(1),  # begin a frame
+            "job": In(job_layout(config)),  # its parameters, stable until `done`
+            # to memory, one for each of `READING`
+            "reads": Out(stream_of(axi.read_record())).array(len(READING)),
+            # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
-            "writes": Out(stream.Signature(layout(write_record(config)))).array(len(WRITING)),
+            # to memory, one for each of `WRITING`
+            "writes": Out(stream_of(axi.write_record(config))).array(len(WRITING)),
+            # one bit for each of `WRITING`: all its written data is in memory
             "settled": In(len(WRITING)),
+            # one bit for each of `WRITING`: its writes may wait for all others
             "patient": Out(len(WRITING)),
-            "done": Out(1),
+            "done": Out(1),  # the frame's pixels are in memory
+            # counters of `hdl.sorting.sort` and `hdl.raster.raster`
             "counters": Out(data.StructLayout(counters)),
         }
+        # `read_windows` and `write_windows` of `reads` and `writes`, if there are windows
         windows = client_windows(config, len(READING), len(WRITING))
         super().__init__(ports | {name: Out(shape) for name, shape in windows.items()})
 
@@ -130,7 +89,7 @@ class Render(wiring.Component):
         m.d.comb += [self.features.live.eq(raster.live), sort.stop.eq(self.features.stop)]
         self._deal(m)
         self._job(m)
-        if window_bits(self.config):
+        if axi.window_bits(self.config):
             self._windows(m)
         self._control(m)
         return m
@@ -149,7 +108,7 @@ class Render(wiring.Component):
             lists.i.payload.count.eq(deal.reading.payload.count),
             deal.reading.ready.eq(lists.i.ready),
             self.buckets.i.valid.eq(waiting.o.valid),
-            self.buckets.i.payload.beat.eq(self.job.scratch + line.address * LINE_BEATS),
+            self.buckets.i.payload.beat.eq(self.job.scratch + line.address * axi.LINE_BEATS),
             self.buckets.i.payload.data.eq(Cat(line.slots)),
             waiting.o.ready.eq(self.buckets.i.ready),
         ]
@@ -157,19 +116,13 @@ class Render(wiring.Component):
     def _job(self, m: Module):
         """Parameters of the frame to the parts that use them."""
         job = self.job
-        for part in (self.groups, self.raster, self.pixels):
-            m.d.comb += [part.width.eq(job.width), part.height.eq(job.height)]
+        m.d.comb += [part.job.eq(job) for part in (self.groups, self.raster, self.pixels)]
         m.d.comb += [
-            self.groups.groups_at.eq(job.area.groups),
             self.long_lists.lists_at.eq(job.area.lists),
             self.lists.lists_at.eq(job.area.lists),
             self.lists.scratch_at.eq(job.scratch),
             self.features.features_at.eq(job.area.features),
-            self.raster.background.eq(job.background),
-            self.pixels.background.eq(job.background),
             self.pixels.groups.eq(self.groups.groups),
-            self.pixels.pixels_at.eq(job.pixels),
-            self.pixels.stride_beats.eq(job.stride),
             self.patient[WRITING.index("pixels")].eq(self.pixels.plain),
             self.counters.sort.eq(self.sort.counters),
             self.counters.raster.eq(self.raster.counters),
@@ -179,9 +132,9 @@ class Render(wiring.Component):
         """The window of each reader and writer."""
         windows = self.job.windows
         for number, name in enumerate(READING):
-            m.d.comb += self.read_windows[number].eq(windows[READ_AREAS[name]])
+            m.d.comb += self.read_windows[number].eq(windows[axi.READ_AREAS[name]])
         for number, name in enumerate(WRITING):
-            m.d.comb += self.write_windows[number].eq(windows[WRITE_AREAS[name]])
+            m.d.comb += self.write_windows[number].eq(windows[axi.WRITE_AREAS[name]])
         with m.If(self.lists.in_scratch):
             m.d.comb += self.read_windows[READING.index("lists")].eq(windows.scratch)
 

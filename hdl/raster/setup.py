@@ -44,11 +44,6 @@ def shifted(value: Value, code: Value, most: int) -> Value:
 class Setup(wiring.Component):
     """E's coefficients for a splat and a tile, in a pipeline without its own handshake.
 
-    Members:
-        i: in, `pair_record`
-        enable: in, the pipeline advances
-        o: out, `around_record`, `LATENCY` enabled cycles later
-
     **Timing**: one pair per cycle; six multipliers of 11 to 19 × 20 bits.
     """
 
@@ -58,8 +53,8 @@ class Setup(wiring.Component):
         self.config = config
         ports = {
             "i": In(layout(pair_record(config))),
-            "enable": In(1),
-            "o": Out(layout(around_record(config))),
+            "enable": In(1),  # the pipeline advances
+            "o": Out(layout(around_record(config))),  # `LATENCY` enabled cycles later
         }
         super().__init__(ports)
 

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, index_bits, ranked_record
@@ -32,10 +32,6 @@ class Pair(wiring.Component):
 
     A batch is cut into runs from its beginning; its last run may be shorter, and may be unpaired.
 
-    Members:
-        i: in, stream of `entry_layout` for runs of `size`
-        o: out, stream of `entry_layout` for runs of 2 · `size`
-
     Internal:
         turn: the run at `i` is the second of its pair
         count: entries of that run that have come
@@ -51,7 +47,11 @@ class Pair(wiring.Component):
     def __init__(self, config: Config, size: int):
         self.config, self.size = config, size
         entry, merged = entry_layout(config, size), entry_layout(config, 2 * size)
-        super().__init__({"i": In(stream.Signature(entry)), "o": Out(stream.Signature(merged))})
+        ports = {
+            "i": In(stream.Signature(entry)),  # of runs of `size`
+            "o": Out(stream.Signature(merged)),  # of runs of 2 · `size`
+        }
+        super().__init__(ports)
         held = data.StructLayout({"entry": entry, "last": 1})  # last: of its run
         depth, memory = size + latency(size) + 1, size >= MEMORY_FROM
         self.runs = [Queue(held, depth, memory=memory) for _ in range(2)]
@@ -131,10 +131,6 @@ class Pair(wiring.Component):
 class Cascade(wiring.Component):
     """Sorts batches of up to `Config.sub_sorter_entries` entries, stably.
 
-    Members:
-        i: in, stream of `batch_record`
-        o: out, stream of `ranked_record`
-
     **Timing**: one entry per cycle in and out. The latency from a full batch's last entry in to its
     first entry out is the sum of all merges' latencies; shorter batches stay up to half a batch
     longer. Batches follow each other without a pause; several may be inside. Memory for two
@@ -144,8 +140,8 @@ class Cascade(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(batch_record(config)))),
-            "o": Out(stream.Signature(layout(ranked_record(config)))),
+            "i": In(stream_of(batch_record(config))),
+            "o": Out(stream_of(ranked_record(config))),
         }
         super().__init__(ports)
         self.pairs = [Pair(config, 1 << k) for k in range(index_bits(config))]

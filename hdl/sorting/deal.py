@@ -8,7 +8,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.spec import sort
 from splatcore.spec.binning import group_record
@@ -41,16 +41,6 @@ class State(enum.Enum):
 class Deal(wiring.Component):
     """Turns lists into jobs, and into the lists of entries that belong to them (`spec.sort`).
 
-    Members:
-        groups: in, stream of `group_record`, lists with entries
-        reading: out, stream of `group_record`, lists to be read
-        entries: in, stream of `entry_record`, the entries of the list at `reading`
-        lines: out, stream of `line_record`, to be written to scratch memory
-        settled: in, all lines are in memory
-        jobs: out, stream of `job_record`
-        lists: out, stream of `listed_record`, lists whose entries are to be sorted, job by job
-        released: in, a job is over, and all its entries have been read
-
     **Timing**: a list that fits on chip takes one cycle. An entry of a long list takes two cycles
     in each round; in addition a round takes about 5 cycles per bucket and the memory's latency,
     while earlier jobs are sorted. Memories: a count and a line per bucket. No multiplier.
@@ -61,14 +51,16 @@ class Deal(wiring.Component):
         entry, group = layout(entry_record(config)), layout(group_record())
         listed, job = layout(sort.listed_record()), layout(sort.job_record(config))
         ports = {
-            "groups": In(stream.Signature(group)),
-            "reading": Out(stream.Signature(group)),
+            "groups": In(stream.Signature(group)),  # `group_record`, lists with entries
+            "reading": Out(stream.Signature(group)),  # `group_record`, lists to be read
+            # `entry_record`, the entries of the list at `reading`
             "entries": In(stream.Signature(entry)),
-            "lines": Out(stream.Signature(layout(sort.line_record(config)))),
-            "settled": In(1),
-            "jobs": Out(stream.Signature(job)),
+            "lines": Out(stream_of(sort.line_record(config))),  # to be written to scratch memory
+            "settled": In(1),  # all lines are in memory
+            "jobs": Out(stream.Signature(job)),  # `job_record`
+            # `listed_record`, lists whose entries are to be sorted, job by job
             "lists": Out(stream.Signature(listed)),
-            "released": In(1),
+            "released": In(1),  # a job is over, and all its entries have been read
         }
         super().__init__(ports)
         key, shift = config.sort_key_bits, range(sort.shift_max(config) + 1)

@@ -20,20 +20,6 @@ class Merge(wiring.Component):
     middle by registers. (OR-trees pay off for many entries that are loaded once; here there are
     few, and a new one in every round.)
 
-    Members:
-        begin: in, merge the runs in `runs`; their first entries are read as soon as they are
-            written
-        runs: in, one bit per way: it has a run, which is not empty
-        written: in, number of entries written, per run
-        head: out, `slot_layout`, address of an entry to be read
-        found: in, `ranked_record`, the entry at the address of the previous cycle
-        room: in, the next entry may be output
-        o: out, {valid, key, slot}, the next entry for one cycle: its key, and the slot of its value
-        stop: in, all runs are dropped
-        busy: out, entries are left
-        starved: out, no entry is output because a head is missing
-        blocked: out, no entry is output because there is no room
-
     **Timing**: one entry every `INTERVAL` cycles; the first one 5 cycles, and one cycle per run,
     after `begin`. No multiplier.
     """
@@ -48,17 +34,21 @@ class Merge(wiring.Component):
             {"valid": 1, "key": self.key_bits, "slot": slot_layout(config)}
         )
         ports = {
+            # merge the runs in `runs`; their first entries are read as soon as they are written
             "begin": In(1),
-            "runs": In(self.ways),
+            "runs": In(self.ways),  # one bit per way: it has a run, which is not empty
+            # number of entries written, per run
             "written": In(data.ArrayLayout(self.counter, self.ways)),
-            "head": Out(slot_layout(config)),
+            "head": Out(slot_layout(config)),  # address of an entry to be read
+            # the entry at the address of the previous cycle
             "found": In(layout(ranked_record(config))),
-            "room": In(1),
+            "room": In(1),  # the next entry may be output
+            # {valid, key, slot}, the next entry for one cycle: its key, and the slot of its value
             "o": Out(self.taken),
-            "stop": In(1),
-            "busy": Out(1),
-            "starved": Out(1),
-            "blocked": Out(1),
+            "stop": In(1),  # all runs are dropped
+            "busy": Out(1),  # entries are left
+            "starved": Out(1),  # no entry is output because a head is missing
+            "blocked": Out(1),  # no entry is output because there is no room
         }
         super().__init__(ports)
         entry = layout(ranked_record(config))

@@ -1,11 +1,11 @@
 """Stage 2: cuts jobs into batches, has them sorted into runs, and keeps the runs in memory."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.sorting.sorter import HALVES, Sorter
 from splatcore.hdl.sorting.subsort import any_of
 from splatcore.spec.config import Config
@@ -41,15 +41,6 @@ def ranked(config: Config) -> data.StructLayout:
 class Half(wiring.Component):
     """Half of the memory: the values of a job's entries by arrival, the keys by run and rank.
 
-    Members:
-        arrived: in, `arrived`, a value to be written
-        ranked: in, `ranked`, an entry to be appended to its run
-        clear: in, all runs become empty
-        written: out, number of entries written, per run
-        head, value: in, `slot_layout`, words to be read
-        head_found: out, `ranked_record`, the word at `head` a cycle later
-        value_found: out, `value_record`, the word at `value` a cycle later
-
     **Timing**: one entry per cycle; two memories of `half_entries` words.
     """
 
@@ -57,14 +48,15 @@ class Half(wiring.Component):
         self.config = config
         self.counter = index_bits(config) + 1
         ports = {
-            "arrived": In(arrived(config)),
-            "ranked": In(ranked(config)),
-            "clear": In(1),
+            "arrived": In(arrived(config)),  # a value to be written
+            "ranked": In(ranked(config)),  # an entry to be appended to its run
+            "clear": In(1),  # all runs become empty
+            # number of entries written, per run
             "written": Out(data.ArrayLayout(self.counter, config.merge_ways)),
-            "head": In(slot_layout(config)),
-            "value": In(slot_layout(config)),
-            "head_found": Out(layout(ranked_record(config))),
-            "value_found": Out(layout(value_record(config))),
+            "head": In(slot_layout(config)),  # words to be read
+            "value": In(slot_layout(config)),  # words to be read
+            "head_found": Out(layout(ranked_record(config))),  # the word at `head` a cycle later
+            "value_found": Out(layout(value_record(config))),  # the word at `value` a cycle later
         }
         super().__init__(ports)
 
@@ -114,15 +106,6 @@ class Runs(wiring.Component):
     Jobs go to the halves in turn, batches to the sub-sorters in turn, so that the next job is
     formed while one is merged.
 
-    Members:
-        i: in, stream of `job_record`
-        entries: in, stream of `entry_record`
-        arrived: out, `arrived` for each half
-        ranked: out, `ranked` for each half
-        jobs: out, `job` for each half
-        release: in, one bit per half: its job is over; its entries still being sorted are dropped
-        sorting: out, a sub-sorter has entries
-
     **Timing**: one entry in per cycle while sub-sorters are free, and three cycles more per job. A
     cascade takes one entry per cycle; a sub-sorter of OR-trees is free again 3·entries + 2·phases
     cycles after it has begun, if at most two write to its half.
@@ -131,13 +114,14 @@ class Runs(wiring.Component):
     def __init__(self, config: Config):
         self.config = config
         ports = {
-            "i": In(stream.Signature(layout(job_record(config)))),
-            "entries": In(stream.Signature(layout(entry_record(config)))),
-            "arrived": Out(arrived(config)).array(HALVES),
-            "ranked": Out(ranked(config)).array(HALVES),
-            "jobs": Out(job(config)).array(HALVES),
+            "i": In(stream_of(job_record(config))),
+            "entries": In(stream_of(entry_record(config))),
+            "arrived": Out(arrived(config)).array(HALVES),  # for each half
+            "ranked": Out(ranked(config)).array(HALVES),  # for each half
+            "jobs": Out(job(config)).array(HALVES),  # for each half
+            # one bit per half: its job is over; its entries still being sorted are dropped
             "release": In(HALVES),
-            "sorting": Out(1),
+            "sorting": Out(1),  # a sub-sorter has entries
         }
         super().__init__(ports)
 

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.holds import enough, never_waits
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.runs import Half, Runs, slot_layout
@@ -25,17 +25,6 @@ LOOK_UP = 2  # cycles from the merge to the output queue
 class Sort(wiring.Component):
     """Sorts the entries of jobs; outputs them in order, with a mark behind each group.
 
-    Members:
-        jobs: in, stream of `job_record`
-        entries: in, stream of `entry_record`, job by job
-        stop: in, the rest of the group at `o` is not needed; hold it until the group's mark comes;
-            a few entries may come before the mark
-        released: out, a job is over; all its entries were taken
-        o: out, stream of `sorted_record`
-        clear: in, all counters are 0
-        counters: out, counts of `COUNTED`; the last three count cycles in which a sub-sorter had
-            entries, in which a merge waited for an entry, and in which it waited for room at `o`
-
     **Timing**: two cycles per entry; a job takes about 14 cycles and one per run in addition, while
     the next job is loaded. The first entry leaves at least 2·phases + 8 cycles after the last one
     came. No multiplier.
@@ -46,12 +35,16 @@ class Sort(wiring.Component):
         enough(Merge.INTERVAL, LOOK_UP, "cycles between entries, so that `room` counts each")
         entry = layout(entry_record(config))
         ports = {
-            "jobs": In(stream.Signature(layout(job_record(config)))),
-            "entries": In(stream.Signature(entry)),
+            "jobs": In(stream_of(job_record(config))),
+            "entries": In(stream.Signature(entry)),  # `entry_record`, job by job
+            # the rest of the group at `o` is not needed; hold it until the group's mark comes; a
+            # few entries may come before the mark
             "stop": In(1),
-            "released": Out(1),
-            "o": Out(stream.Signature(layout(sorted_record(config)))),
-            "clear": In(1),
+            "released": Out(1),  # a job is over; all its entries were taken
+            "o": Out(stream_of(sorted_record(config))),
+            "clear": In(1),  # all counters are 0
+            # counts of `COUNTED`; the last three count cycles in which a sub-sorter had entries, in
+            # which a merge waited for an entry, and in which it waited for room at `o`
             "counters": Out(counters_layout(COUNTED)),
         }
         super().__init__(ports)

@@ -26,12 +26,6 @@ def target_layout(config: Config) -> data.StructLayout:
 class Sorter(wiring.Component):
     """Sorts batches into runs (`Config.sub_sorter`).
 
-    Members:
-        i: in, stream of {entry, to}: entries of batches (`batch_record`) and their target
-        o: out, stream of {entry, to}: entries of runs (`ranked_record`) and their target
-        release: in, one bit per half: its job is over, its entries inside are dropped
-        idle: out, no entry is inside
-
     Internal:
         part: the sub-sorter or cascade
 
@@ -47,10 +41,13 @@ class Sorter(wiring.Component):
         given, found = layout(batch_record(config)), layout(ranked_record(config))
         target = target_layout(config)
         ports = {
+            # {entry, to}: entries of batches (`batch_record`) and their target
             "i": In(stream.Signature(data.StructLayout({"entry": given, "to": target}))),
+            # {entry, to}: entries of runs (`ranked_record`) and their target
             "o": Out(stream.Signature(data.StructLayout({"entry": found, "to": target}))),
+            # one bit per half: its job is over, its entries inside are dropped
             "release": In(HALVES),
-            "idle": Out(1),
+            "idle": Out(1),  # no entry is inside
         }
         super().__init__(ports)
         self.trees = config.sub_sorter == "trees"

@@ -7,11 +7,11 @@ all entries finds whether a candidate has it; a candidate stays if no other has 
 from collections.abc import Callable, Sequence
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
+from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.record import stream_of
 from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, phases, ranked_record
 
@@ -83,13 +83,6 @@ class SubSorter(wiring.Component):
     takes a new cluster in the round in which it passes on its last entry, so a cluster is found
     while the previous one is used, and every round outputs an entry.
 
-    Members:
-        i: in, stream of `batch_record`; a batch is taken when the previous one has left, and output
-            when its last entry is in
-        o: out, stream of `ranked_record`
-        drop: in, all entries are dropped; none leaves in the next cycle
-        idle: out, no entry is inside
-
     **Timing**: one entry in per cycle, one out every two cycles whatever the keys, the first one
     2·phases + 1 cycles after the last one came. No multiplier; a memory of all keys.
     """
@@ -98,10 +91,11 @@ class SubSorter(wiring.Component):
         self.config, self.phases = config, phases(config)
         self.entries = config.sub_sorter_entries
         ports = {
-            "i": In(stream.Signature(layout(batch_record(config)))),
-            "o": Out(stream.Signature(layout(ranked_record(config)))),
-            "drop": In(1),
-            "idle": Out(1),
+            # a batch is taken when the previous one has left, and output when its last entry is in
+            "i": In(stream_of(batch_record(config))),
+            "o": Out(stream_of(ranked_record(config))),
+            "drop": In(1),  # all entries are dropped; none leaves in the next cycle
+            "idle": Out(1),  # no entry is inside
         }
         super().__init__(ports)
         width = config.sort_key_bits

@@ -47,7 +47,9 @@ def side_by_side(
         parts.append(_moved(behind, -camera.rotation[2] * depth[np.isfinite(depth)].max(initial=0)))
     _cut(parts, count, behind is not None)
     degree = max(scene.sh_degree for scene in parts)
-    parts = [_with_degree(scene, degree) for scene in parts]
+    for k, part in enumerate(parts):  # missing coefficients are 0
+        missing = sh_count(degree) - part.sh.shape[1]
+        parts[k] = replace(part, sh=np.pad(part.sh, ((0, 0), (0, missing), (0, 0))))
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
     joined = replace(first, **arrays, name="joined", notes=())
     return joined, replace(camera, name="joined")
@@ -96,9 +98,3 @@ def _cut(parts: list[Scene], count: int | None, behind: bool):
 def _picked(scene: Scene, count: int) -> Scene:
     """`count` Gaussians of a scene, picked evenly."""
     return scene[np.arange(count) * len(scene) // max(count, 1)]
-
-
-def _with_degree(scene: Scene, degree: int) -> Scene:
-    """The scene with coefficients up to `degree`; missing coefficients are 0."""
-    missing = sh_count(degree) - scene.sh.shape[1]
-    return replace(scene, sh=np.pad(scene.sh, ((0, 0), (0, missing), (0, 0))))

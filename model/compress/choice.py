@@ -83,11 +83,7 @@ class Trials:
 
     def __post_init__(self):
         self.cameras = [target.camera for target in spread(self.targets, WEIGHED)]
-
-        def progress(done: int, total: int):
-            self.progress("choice: weighing Gaussians", done, total, None)
-
-        weight = significance(self.scene, self.cameras, progress)
+        weight = significance(self.scene, self.cameras, self.progress, "choice")
         if not weight.any():
             raise InputError("no view shows a Gaussian")
         self.levels.append((self.scene, weight))

@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from sklearn.metrics import pairwise_distances_argmin
 
-from splatcore.model.compress.directions import Directions
 from splatcore.model.compress.quantize import Quantised, round_fixed
+from splatcore.model.compress.significance import Directions
 from splatcore.model.gradients.trainable import RATES, Tensors, tensors_of
 from splatcore.model.pack.codebook import Codebook, quantise
-from splatcore.model.pack.pack import appearance, pack
+from splatcore.model.pack.pack import appearance
 from splatcore.model.pack.quality import COMPACT
 from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import SH_C0, SH_C1, SH_EXPONENT_MAX
@@ -24,7 +24,6 @@ from splatcore.spec.config import Config
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.memory import COMPONENT, SLOPE, model_format
 from splatcore.spec.number import Fixed
-from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 CODEBOOK_RATE = RATES["sh0"] * SH_C0
@@ -114,11 +113,8 @@ class InCodebooks(Quantised):
         }
         return self.tensors | entries, dict.fromkeys(entries, CODEBOOK_RATE)
 
-    def packed(self, of: Scene | None = None) -> PackedModel:
-        codebooks = self.colour.codebook(), self.harmonics.codebook()
-        scene = self.as_read(of)
-        degree, quality = scene.sh_degree, self.quality
-        return pack(scene, self.config, degree, codebooks=codebooks, quality=quality)[0]
+    def codebooks(self) -> tuple[Codebook, Codebook]:
+        return self.colour.codebook(), self.harmonics.codebook()
 
 
 def in_codebooks(

@@ -14,18 +14,16 @@ import numpy as np
 from splatcore.model.compress.checkpoint import Checkpoints, Result, Step
 from splatcore.model.compress.choice import TIMED, WEIGHED, Speed, decide
 from splatcore.model.compress.codebooks import in_codebooks
-from splatcore.model.compress.directions import directions_of
 from splatcore.model.compress.distill import degrees, distill
 from splatcore.model.compress.judge import best_looking, decibels, spread
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.quantize import REFRESH, Quantised
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.significance import significance
+from splatcore.model.compress.significance import directions_of, significance
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients import trainable
-from splatcore.model.gradients.finetune import Progress, finetune
-from splatcore.model.gradients.unfinished import Unfinished
+from splatcore.model.gradients.finetune import Progress, Run, Unfinished, finetune
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT, Config
@@ -145,13 +143,13 @@ class Compression:
         """Significance [N] over at most WEIGHED training views, cached for the last scene."""
         if self.weighed and self.weighed[0] is scene:
             return self.weighed[1]
-
-        def progress(done: int, total: int):
-            self.progress(f"{phase}: weighing Gaussians", done, total, None)
-
-        found = significance(scene, spread(self.cameras, WEIGHED), progress)
+        found = significance(scene, spread(self.cameras, WEIGHED), self.progress, phase)
         self.weighed = scene, found
         return found
+
+    def run(self, phase: str, steps: int, left: float) -> Run:
+        """A run of steps whose state is kept."""
+        return Run(phase, steps, left, self.progress, Unfinished(self.checkpoints.unfinished))
 
     def pruned(self, scene: Scene, rate: float, share: float = 1.0) -> Steps:
         """Prune by `rate`, then fine-tune with a share of the recipe's steps."""
@@ -161,12 +159,10 @@ class Compression:
             smaller = prune(scene, self.weights(scene, name), rate)
             tensors, recipe = trainable.tensors_of(smaller), self.recipe
             adams = trainable.refining(tensors, recipe.rate)
-            steps, seed = round(share * recipe.steps), recipe.seed
-            left = recipe.learning.left
+            run = self.run(name, round(share * recipe.steps), recipe.learning.left)
             loss = finetune(
-                tensors, adams, self.targets, steps, seed, self.progress, name, left,
-                kept=Unfinished(self.checkpoints.unfinished), antialiased=scene.antialiased,
-            )  # fmt: skip
+                tensors, adams, self.targets, recipe.seed, run, antialiased=scene.antialiased
+            )
             learned = sound(trainable.scene_of(tensors, scene))
             return best_looking((smaller, learned), self.targets), loss
 
@@ -177,11 +173,9 @@ class Compression:
         name = f"distill {degree}"
 
         def make() -> tuple[Scene, float | None]:
-            cameras = spread(self.cameras, FITTED)
-            student, loss = distill(
-                scene, degree, cameras, self.extent, self.recipe, self.progress, name,
-                Unfinished(self.checkpoints.unfinished),
-            )  # fmt: skip
+            cameras, recipe = spread(self.cameras, FITTED), self.recipe
+            run = self.run(name, recipe.distill_steps, recipe.learning.left)
+            student, loss = distill(scene, degree, cameras, self.extent, recipe, run)
             return sound(trainable.scene_of(student, scene)), loss
 
         return self.step(name, "distill", make)
@@ -217,11 +211,10 @@ class Compression:
 
         recipe, learning = self.recipe, self.recipe.learning
         adams = trainable.refining(leaves, learning.numbers * recipe.rate, rates)
-        loss = finetune(
-            work.tensors, adams, self.targets, recipe.quantize_steps, recipe.seed + 1, progress,
-            name, learning.last, work.rendered,
-            Unfinished(self.checkpoints.unfinished, work.taken), scene.antialiased,
-        )  # fmt: skip
+        kept = Unfinished(self.checkpoints.unfinished, work.taken)
+        run = Run(name, recipe.quantize_steps, learning.last, progress, kept)
+        seed, mark = recipe.seed + 1, scene.antialiased
+        loss = finetune(work.tensors, adams, self.targets, seed, run, work.rendered, mark)
         return best_looking((first, work.packed(scene)), self.targets), loss
 
     def under_numbers(self, scene: Scene, name: str) -> Quantised:

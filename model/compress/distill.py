@@ -10,12 +10,11 @@ from numba import njit, prange
 
 from splatcore.model.cameras.surround import perturbed
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.significance import view_weights
 from splatcore.model.gradients import trainable
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.finetune import Progress, difference, optimise, views_in_turn
+from splatcore.model.gradients.drawn import blending_weights
+from splatcore.model.gradients.finetune import Run, difference, optimise, views_in_turn
 from splatcore.model.gradients.rendering_points import basis_of
-from splatcore.model.gradients.unfinished import Unfinished
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.scene import Scene, sh_count
@@ -30,20 +29,12 @@ PULL = 0.1  # weight of the old coefficients in the least squares, over the weig
 
 
 def distill(
-    scene: Scene,
-    degree: int,
-    cameras: Views,
-    extent: float,
-    recipe: Recipe,
-    progress: Progress,
-    phase: str,
-    kept: Unfinished | None = None,
+    scene: Scene, degree: int, cameras: Views, extent: float, recipe: Recipe, run: Run
 ) -> tuple[trainable.Tensors, float | None]:
     """Distil a scene to harmonics up to `degree`; return its tensors and the mean recent loss.
 
     extent: of the cameras, scene units
-    recipe: number of steps, learning rate (a share of REFINING) and seed
-    progress, phase, kept: as for `optimise`
+    recipe: learning rate (a share of REFINING) and seed
 
     Starts from `projected`. Half of the steps are on the cameras, half on perturbed ones; the
     target is the picture of the scene with all of its harmonics.
@@ -54,7 +45,7 @@ def distill(
     rng = np.random.default_rng(recipe.seed)
     views = [
         perturbed(camera, MOVE * extent, TURN, rng) if rng.random() < PERTURBED else camera
-        for camera in islice(views_in_turn(cameras, recipe.seed), recipe.distill_steps)
+        for camera in islice(views_in_turn(cameras, recipe.seed), run.steps)
     ]
 
     def picture(parameters: Sequence[torch.Tensor], step: int) -> torch.Tensor:
@@ -65,10 +56,7 @@ def distill(
             wanted = picture(teacher, step).clamp(0, 1)
         return difference(picture(trainable.rendered(student), step), wanted)
 
-    adams = trainable.refining(student, SHARE * recipe.rate)
-    left = recipe.learning.left
-    loss = optimise(adams, recipe.distill_steps, loss_of, progress, phase, left, kept)
-    return student, loss
+    return student, optimise(trainable.refining(student, SHARE * recipe.rate), run, loss_of)
 
 
 def projected(scene: Scene, degree: int, cameras: Views) -> Scene:
@@ -81,7 +69,7 @@ def projected(scene: Scene, degree: int, cameras: Views) -> Scene:
     """
     count = sh_count(degree)
     matrix, wanted = np.zeros((len(scene), count, count)), np.zeros((len(scene), count, 3))
-    for camera, weight in zip(cameras, view_weights(scene, cameras), strict=True):
+    for camera, weight in zip(cameras, blending_weights(scene.gaussians(), cameras), strict=True):
         add_equations(scene.position, scene.sh, weight, camera.position, matrix, wanted)
     total = np.maximum(matrix[:, 0, 0], np.finfo(np.float32).tiny)[:, None, None]
     matrix = matrix / total + PULL * np.eye(count)

@@ -14,7 +14,8 @@ import torch
 
 from splatcore.model.gradients.trainable import Tensors, rotation, scene_of
 from splatcore.model.pack.chunk import Chunks
-from splatcore.model.pack.pack import factor_exponent, format_of
+from splatcore.model.pack.codebook import Codebook
+from splatcore.model.pack.pack import factor_exponent, format_of, pack
 from splatcore.model.pack.stored import Stored, stored_scene
 from splatcore.spec.config import Config
 from splatcore.spec.memory import ABSOLUTE, FACTOR, ModelFormat
@@ -145,13 +146,18 @@ class Quantised(ABC):
     def harmonics_of(self, tensors: Tensors) -> torch.Tensor:
         """Harmonics [N, (degree+1)², 3] as the machine reads them."""
 
-    @abstractmethod
     def leaves(self) -> tuple[Tensors, dict[str, float]]:
         """Optimised tensors by name, and learning rates of tensors unknown to `trainable`."""
+        return self.tensors, {}
 
-    @abstractmethod
+    def codebooks(self) -> tuple[Codebook, Codebook] | None:
+        """The codebooks of colours and of harmonics, if the model has any."""
+        return None
+
     def packed(self, of: Scene | None = None) -> PackedModel:
         """The packed model of the current parameters, with the mark of the scene `of`."""
+        scene, books = self.as_read(of), self.codebooks()
+        return pack(scene, self.config, scene.sh_degree, None, books, self.quality)[0]
 
 
 def stored_positions(chunks: Chunks) -> np.ndarray:

@@ -8,12 +8,11 @@ import torch
 
 from splatcore.model.compress.quantize import Quantised, straight
 from splatcore.model.gradients.trainable import Tensors
-from splatcore.model.pack.pack import layouts, pack
+from splatcore.model.pack.pack import layouts
 from splatcore.model.pack.steps import Steps, quantise_steps
 from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import BASE, FOLDED, LAYOUTS, folded, step
 from splatcore.spec.memory import CHUNK
-from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene, sh_count
 
 
@@ -63,13 +62,6 @@ class InSteps(Quantised):
             own = sh[:, degree**2 : sh_count(degree)].double()
             found.append(straight(own, grid.round(own.detach() * constants) / constants))
         return torch.cat(found, dim=1).to(sh.dtype)
-
-    def leaves(self) -> tuple[Tensors, dict[str, float]]:
-        return self.tensors, {}
-
-    def packed(self, of: Scene | None = None) -> PackedModel:
-        scene = self.as_read(of)
-        return pack(scene, self.config, scene.sh_degree, quality=self.quality)[0]
 
 
 def grids(steps: Steps, degrees: int, stored: Stored, count: int) -> list[np.ndarray]:

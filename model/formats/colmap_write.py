@@ -42,7 +42,10 @@ def write_colmap(
     for camera, _ in images:
         intrinsics.setdefault(_intrinsics(camera), len(intrinsics) + 1)
     parts = {
-        "cameras.bin": [_camera(number, *found) for found, number in intrinsics.items()],
+        "cameras.bin": [
+            struct.pack("<IiQQ4d", number, MODELS.index(MODEL), *found)
+            for found, number in intrinsics.items()
+        ],
         "images.bin": [
             _image(number, camera, intrinsics[_intrinsics(camera)], name, points[0], seen)
             for number, ((camera, name), seen) in enumerate(zip(images, shown, strict=True), 1)
@@ -63,11 +66,6 @@ def landing(camera: Camera, position: np.ndarray) -> np.ndarray:
 
 def _intrinsics(camera: Camera) -> tuple[int, int, float, float, float, float]:
     return camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
-
-
-def _camera(number: int, width: int, height: int, *parameters: float) -> bytes:
-    """A camera record: id, model, width, height, fx, fy, cx, cy."""
-    return struct.pack("<IiQQ4d", number, MODELS.index(MODEL), width, height, *parameters)
 
 
 def _image(

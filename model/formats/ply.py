@@ -48,11 +48,6 @@ FILTER = ply_marks.FILTER.lower()
 _PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
 
 
-def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes mark a PLY."""
-    return start in (b"ply\n", b"ply\r")
-
-
 def read(path: str | os.PathLike) -> Scene:
     """Read the scene of a PLY file: binary of either byte order or ASCII, plain or compressed.
 

@@ -65,10 +65,9 @@ def unused(
 ) -> tuple[str, ...]:
     """Notes that name unused columns and elements, if any."""
     columns = [name for name in names if name not in {*used, *_IGNORED}]
-    found = {"columns": columns, "elements": list(elements)}
-    return tuple(f"{kind} that are not used: {_some(each)}" for kind, each in found.items() if each)
-
-
-def _some(names: list[str]) -> str:
-    """The first names, and the number of further ones."""
-    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    notes = ()
+    for kind, found in (("columns", columns), ("elements", list(elements))):
+        more = f" and {len(found) - 8} more" if len(found) > 8 else ""
+        if found:
+            notes += (f"{kind} that are not used: {', '.join(found[:8])}{more}",)
+    return notes

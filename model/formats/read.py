@@ -2,9 +2,10 @@
 
 import os
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,27 @@ from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
 from splatcore.spec.scene import ARRAYS, Scene
 
-FORMATS = {"PLY": ply, "SPZ": spz, "SOG": sog, ".splat": splat}
-"""Name for messages → module. Formats recognised by a file's first bytes come first.
 
-Each module has
-- `matches(start, suffix)`: true for files of the format, given their first four bytes and the
-  extension of their name in lower case;
-- `read(path)`: the `Scene` of such a file, or InputError naming file and field. The scene may hold
-  NaN and Inf; the caller silences numpy's warnings about them.
+class Format(NamedTuple):
+    """A format of scene files, known by its first bytes, or by an extension if it has no mark."""
+
+    name: str  # for messages
+    read: Callable[..., Scene]
+    starts: tuple[bytes, ...] = ()  # of up to four bytes
+    suffix: str | None = None  # in lower case
+    axes: bool = False  # `read` takes the axes of a file that does not state them
+
+
+FORMATS = (
+    Format("PLY", ply.read, (b"ply\n", b"ply\r")),
+    Format("SPZ", spz.read, (spz.SPZ_MAGIC, spz.GZIP_MAGIC), axes=True),
+    Format("SOG", sog.read, (b"PK\x03\x04",)),
+    Format(".splat", splat.read, suffix=".splat"),
+)
+"""The formats, in the order in which they are tried.
+
+`read(path)` returns the scene of a file, or raises InputError naming file and field. The scene may
+hold NaN and Inf; the caller silences numpy's warnings about them.
 """
 
 TRAINED = "point_cloud/iteration_*/point_cloud.ply"
@@ -50,7 +64,7 @@ def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
 
 def check_axes(path: str | os.PathLike, axes: str | None):
     """Raise InputError if axes are given for a file that is not SPZ."""
-    if axes and find_format(path) is not spz:
+    if axes and not find_format(path).axes:
         raise input_error(path, f"--axes {axes}: only SPZ files have a choice of axes")
 
 
@@ -68,14 +82,14 @@ def scene_file(path: str | os.PathLike) -> str | os.PathLike:
     return found[max(found)]
 
 
-def find_format(path: str | os.PathLike) -> ModuleType:
-    """The module of `FORMATS` for a file; raises InputError if there is none."""
+def find_format(path: str | os.PathLike) -> Format:
+    """The format of a file; raises InputError for an unknown one."""
     path = scene_file(path)
     start, suffix = read_bytes(path, 4), Path(path).suffix.lower()
-    for format in FORMATS.values():
-        if format.matches(start, suffix):
+    for format in FORMATS:
+        if start.startswith(format.starts) or suffix == format.suffix:
             return format
-    *names, last = FORMATS
+    *names, last = (format.name for format in FORMATS)
     raise input_error(path, f"is not a {', '.join(names)} or {last} file")
 
 
@@ -114,20 +128,14 @@ def _saturating(sh: np.ndarray) -> int:
     """Number of Gaussians that reach `COLOUR_MAX` in a channel in any of `LOOKS` directions.
 
     With K coefficients per channel, harmonics beyond the constant one add at most the norm of their
-    coefficients times √((K − 1) / 4π). Two such bounds, the cheaper one first, rule out most
-    Gaussians.
+    coefficients times √((K − 1) / 4π). This bound rules out most Gaussians.
     """
     if not len(sh):
         return 0
     most = np.sqrt((sh.shape[1] - 1) / (4 * np.pi))
-    flat = sh.reshape(len(sh), -1)[:, 3:]
-    largest = np.maximum(flat.max(axis=0), -flat.min(axis=0)).reshape(-1, 3)
-    others = np.linalg.norm(largest, axis=0)
-    dark = (COLOUR_MAX - COLOUR_OFFSET - most * others) / SH_C0  # smaller constants are ruled out
-    bright = sh[(sh[:, 0] >= dark).any(axis=1)]
-    norm = np.sqrt(np.einsum("nkc,nkc->nc", bright[:, 1:], bright[:, 1:]))
-    reach = COLOUR_OFFSET + SH_C0 * bright[:, 0] + most * norm
-    bright = bright[(reach >= COLOUR_MAX).any(axis=1)]
+    norm = np.sqrt(np.einsum("nkc,nkc->nc", sh[:, 1:], sh[:, 1:]))
+    reach = COLOUR_OFFSET + SH_C0 * sh[:, 0] + most * norm
+    bright = sh[(reach >= COLOUR_MAX).any(axis=1)]
     found, basis = 0, harmonics(directions(LOOKS), int(np.sqrt(sh.shape[1])) - 1)
     for some in np.array_split(bright, len(bright) // 4096 + 1):
         colour = COLOUR_OFFSET + np.einsum("dk,nkc->ndc", basis, some)

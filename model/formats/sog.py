@@ -74,11 +74,6 @@ class Sog:
         return codebook[codes]
 
 
-def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes mark a zip archive."""
-    return start == b"PK\x03\x04"
-
-
 def read(path: str | os.PathLike) -> Scene:
     """Read the scene of a SOG file."""
     data = file.read_bytes(path)

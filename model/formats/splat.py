@@ -15,11 +15,6 @@ RECORD = np.dtype(
 0."""
 
 
-def matches(start: bytes, suffix: str) -> bool:
-    """True if the file's name ends with .splat; the content has no mark."""
-    return suffix == ".splat"
-
-
 def read(path: str | os.PathLike) -> Scene:
     """Read the scene of a .splat file; SH degree 0."""
     data = read_bytes(path)

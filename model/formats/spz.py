@@ -11,6 +11,7 @@ import struct
 import tempfile
 import zlib
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import zstandard
@@ -68,9 +69,13 @@ class Header:
         return f"{self.count} Gaussians of SH degree {self.degree}"
 
 
-def matches(start: bytes, suffix: str) -> bool:
-    """True if a file's first four bytes mark an SPZ file or a gzip stream."""
-    return start.startswith((SPZ_MAGIC, GZIP_MAGIC))
+class Content(NamedTuple):
+    """The checked content of a file."""
+
+    header: Header
+    sections: bytes  # of version 1 to 3
+    records: bytes  # of extensions
+    rest: int = 0  # number of bytes that belong to none of these
 
 
 def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
@@ -81,12 +86,13 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     """
     data = file.read_bytes(path)
     if data.startswith(SPZ_MAGIC):
-        header, payload, records, rest = _check_streams(data, path)
+        content = _check_streams(data, path)
     elif data.startswith(GZIP_MAGIC):
-        header, payload, records, rest = _gunzip(data, path)
+        content = _gunzip(data, path)
     else:
         raise input_error(path, "is not an SPZ file")
-    stated, records = _stated_axes(header, records, path)
+    header, payload = content.header, content.sections
+    stated, records = _stated_axes(header, content.records, path)
     if payload and records:
         _check_surplus(header, len(records), path)
     if axes and stated:
@@ -95,16 +101,11 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     scene = turned(scene, stated or axes or SPZ_AXES)
     if header.flags & ANTIALIASED:
         scene = replace(scene, antialiased=True, mark="SPZ flag")
-    notes = file.surplus(rest + len(records)) + _note(stated, axes)
+    notes = file.surplus(content.rest + len(records))
+    if not stated:
+        by = "by --axes" if axes else "the format's default; choose others by --axes"
+        notes += (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
     return replace(scene, notes=notes, assumed_axes="" if stated or axes else SPZ_AXES)
-
-
-def _note(stated: str | None, axes: str | None) -> tuple[str, ...]:
-    """A note on axes that the file does not state."""
-    if stated:
-        return ()
-    by = "by --axes" if axes else "the format's default; choose others by --axes"
-    return (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
 
 
 def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
@@ -124,11 +125,8 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
     return header
 
 
-def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
-    """Unpack a file of version 1 to 3, never more than its header claims.
-
-    Returns the header, the sections, the bytes after them (extension records), and 0.
-    """
+def _gunzip(data: bytes, path: str | os.PathLike) -> Content:
+    """Unpack a file of version 1 to 3, never more than its header claims."""
     with file.reading(path):
         stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
         header = _header(stream.decompress(data, 16), range(1, 4), path)
@@ -141,7 +139,7 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes,
         raise input_error(path, "gzip stream is cut off or longer than its header says")
     if stream.unused_data:
         raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
-    return header, payload[:size], payload[size:], 0
+    return Content(header, payload[:size], payload[size:])
 
 
 def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
@@ -159,12 +157,8 @@ def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
         )
 
 
-def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes, bytes, int]:
-    """Check a file of version 4: header, table of contents and zstd streams.
-
-    Returns the header, no sections, the extension records, and the number of bytes after the last
-    stream.
-    """
+def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
+    """Check a file of version 4: header, table of contents and zstd streams."""
     header = _header(data, range(4, 5), path)
     file.check_expansion(sum(header.sections), len(data), path)
     if len(data) < 32:
@@ -187,7 +181,7 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> tuple[Header, bytes,
         if content not in (-1, size):
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
         start += stored
-    return header, b"", data[32:toc], len(data) - start
+    return Content(header, b"", data[32:toc], len(data) - start)
 
 
 def _stated_axes(

@@ -1,19 +1,15 @@
 """The hard cases by name: small scenes, each with a corner case where renderers go wrong.
 
-The order is: antialiased scenes (`hard_antialiased`), faint splats (`hard_faint`), harmonics
-(`hard_harmonics`); shape and place (axis ratios, sizes, depths, lists, coordinates); values
-(opacities, transmittance, colours, unusual file content); picture sizes.
+The order is: antialiased scenes, faint splats, harmonics (all in `hard_colour`); shape and place
+(axis ratios, sizes, depths, lists, coordinates); values (opacities, transmittance, colours, unusual
+file content); picture sizes.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from splatcore.model.generate import (  # noqa: F401, enter their cases
-    hard_antialiased,
-    hard_faint,
-    hard_harmonics,
-)
+from splatcore.model.generate import hard_colour  # noqa: F401, enters its cases
 from splatcore.model.generate.hard_case import (
     DEPTH,
     FOCAL,

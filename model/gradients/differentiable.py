@@ -13,14 +13,14 @@ from numba import get_num_threads
 from splatcore.model.gradients import rendering_points
 from splatcore.model.gradients.drawn import Drawn, to_image, to_tiles
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import SPLATCORE, Convention
+from splatcore.spec.convention import SPLATCORE
 
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
     """A picture, and which Gaussians are in it."""
 
-    image: torch.Tensor  # [H, W, 3] RGB, not clipped
+    image: torch.Tensor  # [H, W, 3] RGB over black, not clipped
     transmittance: torch.Tensor  # [H, W]
     visible: np.ndarray  # [M] indices of the visible Gaussians
 
@@ -32,7 +32,6 @@ def render(
     sh: torch.Tensor,
     camera: Camera,
     shift: torch.Tensor | None = None,
-    convention: Convention = SPLATCORE,
     antialiased: bool = False,
 ) -> Rendered:
     """Render Gaussians; all tensors have one floating type and device, used for all computation.
@@ -50,20 +49,13 @@ def render(
     if shift is None:
         shift = torch.zeros_like(position[:, :2])
     if position.is_cuda:
-        image, rest, visible = _render_cuda(
-            position, factor, opacity, sh, camera, shift, convention, antialiased
-        )
-    else:
-        found = []
-        image, rest = _Render.apply(
-            position, factor, opacity, sh, shift, camera, convention, antialiased, found.append
-        )
-        visible = found[0]
-    background = image.new_tensor(convention.background)
-    return Rendered(image + rest[..., None] * background, rest, visible)
+        return _render_cuda(position, factor, opacity, sh, camera, shift, antialiased)
+    found, parameters = [], (position, factor, opacity, sh, shift)
+    image, rest = _Render.apply(*parameters, camera, antialiased, found.append)
+    return Rendered(image, rest, found[0])
 
 
-def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antialiased):
+def _render_cuda(position, factor, opacity, sh, camera, shift, antialiased) -> Rendered:
     """Render by gsplat; the gradient of the splats' centres goes to `shift`, which must be zero.
 
     Of the convention, gsplat follows only the blur. It clamps alpha at 0.999, cuts splats at 3.33
@@ -80,25 +72,23 @@ def _render_cuda(position, factor, opacity, sh, camera, shift, convention, antia
         position, None, None, opacity, sh,
         position.new_tensor(view)[None], position.new_tensor(intrinsics)[None],
         camera.width, camera.height, near_plane=camera.near,
-        eps2d=convention.covariance_blur, sh_degree=int(np.sqrt(sh.shape[1])) - 1, packed=False,
+        eps2d=SPLATCORE.covariance_blur, sh_degree=int(np.sqrt(sh.shape[1])) - 1, packed=False,
         covars=factor @ factor.transpose(1, 2),
         rasterize_mode="antialiased" if antialiased else "classic",
     )  # fmt: skip
     if shift.requires_grad and found["means2d"].requires_grad:
         found["means2d"].register_hook(lambda gradient: shift.backward(gradient[0]))
     visible = (found["radii"][0] > 0).all(-1).nonzero()[:, 0]
-    return image[0], 1 - alpha[0, ..., 0], visible.cpu().numpy()
+    return Rendered(image[0], 1 - alpha[0, ..., 0], visible.cpu().numpy())
 
 
 class _Render(torch.autograd.Function):
     """The numba kernels as a torch operation; `on_visible` is called with the visible indices."""
 
     @staticmethod
-    def forward(
-        context, position, factor, opacity, sh, shift, camera, convention, antialiased, on_visible
-    ):  # fmt: skip
+    def forward(context, position, factor, opacity, sh, shift, camera, antialiased, on_visible):
         arrays = [tensor.detach().numpy() for tensor in (position, factor, opacity, sh, shift)]
-        drawn = Drawn(arrays, camera, convention, antialiased)
+        drawn = Drawn(arrays, camera, antialiased)
         on_visible(drawn.index)
         context.save_for_backward(position, factor, sh)
         context.drawn = drawn
@@ -117,4 +107,4 @@ class _Render(torch.autograd.Function):
             drawn.index, position, factor, sh, drawn.view, drawn.splats, gradient,
             get_num_threads(), *found,
         )  # fmt: skip
-        return *map(torch.from_numpy, found), None, None, None, None
+        return *map(torch.from_numpy, found), None, None, None

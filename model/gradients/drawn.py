@@ -8,7 +8,7 @@ from numba import get_num_threads
 from splatcore.model.gradients import rendering_points, rendering_tiles
 from splatcore.model.gradients.rendering_points import RED
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import SPLATCORE, TILE, Convention
+from splatcore.spec.convention import SPLATCORE, TILE
 from splatcore.spec.scene import Gaussians
 
 
@@ -20,14 +20,14 @@ class Drawn:
     index: [M] the visible Gaussians, in depth order
     """
 
-    def __init__(self, arrays, camera: Camera, convention: Convention, antialiased: bool):
+    def __init__(self, arrays, camera: Camera, antialiased: bool):
         """Render arrays (position, factor, opacity, sh, shift); see `differentiable.render`."""
         self.camera = camera
-        self.view = rendering_points.view_numbers(camera, convention, antialiased)
+        self.view = rendering_points.view_numbers(camera, antialiased)
         self.splats, self.index = _project(arrays, self.view)
         size = camera.width, camera.height
         lists = rendering_tiles.tile_lists(self.splats, *size)
-        limits = (convention.alpha_min, convention.alpha_max, convention.transmittance_min)
+        limits = SPLATCORE.alpha_min, SPLATCORE.alpha_max, SPLATCORE.transmittance_min
         self.colour, *self.state = rendering_tiles.blend(self.splats, lists, *size, limits)
         self.blended = self.splats, lists, *size, limits, self.state
 
@@ -78,7 +78,7 @@ def blending_weights(
         arrays = [np.asarray(array, kind) for array in arrays]
     arrays.append(np.zeros((len(gaussians), 2), kind))
     for camera in cameras:
-        drawn = Drawn(arrays, camera, SPLATCORE, gaussians.antialiased)
+        drawn = Drawn(arrays, camera, gaussians.antialiased)
         to_colour = np.zeros_like(drawn.colour)
         to_colour[:, 0] = 1
         weight = np.zeros(len(gaussians))

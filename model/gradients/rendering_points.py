@@ -12,7 +12,7 @@ from numba import njit, prange
 
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import SH_C0, SH_C1
-from splatcore.spec.convention import Convention
+from splatcore.spec.convention import SPLATCORE
 
 C2 = np.sqrt(np.array([15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
 C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (4 * np.pi))
@@ -28,16 +28,16 @@ FARTHEST = 1e18
 GRADIENTS = 9  # columns with gradients: the first ones, on which the picture depends smoothly
 
 
-def view_numbers(camera: Camera, convention: Convention, antialiased: bool = False) -> np.ndarray:
+def view_numbers(camera: Camera, antialiased: bool = False) -> np.ndarray:
     """Camera and convention as the vector [28] that the kernels read as `view`: R, t, centre,
     intrinsics, limits, and whether opacities are compensated for the blur."""
-    limit = convention.frustum_margin * np.array(camera.tan_half_fov)
-    shift = convention.principal_point_shift + convention.pixel_centre
+    limit = SPLATCORE.frustum_margin * np.array(camera.tan_half_fov)
+    shift = SPLATCORE.principal_point_shift + SPLATCORE.pixel_centre
     return np.concatenate([
         camera.rotation.reshape(-1), camera.translation, camera.position,
         (camera.fx, camera.fy, camera.cx - shift, camera.cy - shift), limit,
-        (camera.near, convention.covariance_blur, convention.alpha_min,
-         convention.colour_offset, camera.width, camera.height, antialiased),
+        (camera.near, SPLATCORE.covariance_blur, SPLATCORE.alpha_min,
+         SPLATCORE.colour_offset, camera.width, camera.height, antialiased),
     ])  # fmt: skip
 
 

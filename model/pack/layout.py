@@ -9,7 +9,7 @@ from splatcore.model.pack.codebook import Codebook
 from splatcore.model.pack.factor import largest_axis
 from splatcore.model.pack.steps import Steps
 from splatcore.spec import memory
-from splatcore.spec.colour import CHANNELS, DEGREES, EXPONENT_MIN, LAYOUTS, Harmonics
+from splatcore.spec.colour import CHANNELS, LAYOUTS, Harmonics
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import HEADER, ModelFormat
 from splatcore.spec.packed import checksum
@@ -27,20 +27,14 @@ class Quantised:
     factor: np.ndarray  # [N, 3, 3] L in units of 2^factor_exponent
     factor_exponent: int
     attenuation: np.ndarray  # [N] −log2(opacity)
-    colour: tuple[Codebook, Codebook] | Steps  # codebooks of colours and slopes G, or steps
+    steps: Steps  # `no_steps` if there are codebooks
+    codebooks: tuple[Codebook, ...] = ()  # of colours and of slopes G
     antialiased: bool = False
-
-    @property
-    def layouts(self) -> np.ndarray:
-        """Layouts [C] of the chunks' harmonics, indices of `LAYOUTS`."""
-        if isinstance(self.colour, Steps):
-            return self.colour.harmonics
-        return np.zeros(memory.chunk_count(len(self)), np.int64)
 
     @property
     def beats(self) -> np.ndarray:
         """Beats of harmonics [N] of each Gaussian."""
-        beats = np.array([layout.beats for layout in LAYOUTS])[self.layouts]
+        beats = np.array([layout.beats for layout in LAYOUTS])[self.steps.harmonics]
         return np.repeat(beats, memory.CHUNK)[: len(self)]
 
     def __len__(self) -> int:
@@ -59,12 +53,9 @@ def lay_out(model: Quantised) -> np.ndarray:
     put(layout.chunks, chunk_headers(model))
     put(layout.positions, pack_bits(model.position.reshape(-1).astype(np.uint64), width))
     put(layout.attributes, attributes(model))
-    if not isinstance(model.colour, Steps):
-        for start, record, codebook in zip(
-            (layout.colours, layout.sh), (memory.COLOUR_ENTRY, memory.SH_ENTRY), model.colour,
-            strict=True,
-        ):  # fmt: skip
-            put(start, entries(record, codebook))
+    places = (layout.colours, memory.COLOUR_ENTRY), (layout.sh, memory.SH_ENTRY)
+    for (start, record), codebook in zip(places, model.codebooks, strict=False):
+        put(start, entries(record, codebook))
     put(layout.header, header(model, layout, check=0))
     put(layout.header, header(model, layout, checksum(image)))
     return image
@@ -90,13 +81,7 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
     }
     numbers |= {part: getattr(layout, part) // memory.ALIGNMENT for part in memory.PLACED}
     codes = {field: HEADER[field].encode(np.array([value])) for field, value in numbers.items()}
-    exponents = [EXPONENT_MIN] * DEGREES
-    if isinstance(model.colour, Steps):
-        exponents = model.colour.exponents
-    else:
-        used = [codebook.exponent for codebook in model.colour if codebook.entries]
-        exponents[: len(used)] = used
-    codes["exponent"] = HEADER["exponent"].encode(np.array([exponents]))
+    codes["exponent"] = HEADER["exponent"].encode(np.array([model.steps.exponents]))
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)
         codes[field] = np.array([bits + (0,) * (stages - len(bits))])
@@ -119,8 +104,8 @@ def chunk_headers(model: Quantised) -> np.ndarray:
     fields["origin"] = memory.CHUNK_HEADER["origin"].encode(chunks.origin)
     if model.format.position == "absolute":
         fields = {name: np.zeros_like(codes) for name, codes in fields.items()}
-    s = model.colour.s if isinstance(model.colour, Steps) else np.zeros((len(starts), DEGREES))
-    fields |= {"reach": code, "harmonics": model.layouts, "step": s.astype(np.uint64)}
+    steps = model.steps
+    fields |= {"reach": code, "harmonics": steps.harmonics, "step": steps.s.astype(np.uint64)}
     return memory.CHUNK_HEADER.pack(fields)
 
 
@@ -133,11 +118,9 @@ def attributes(model: Quantised) -> np.ndarray:
         places = zip(*np.tril_indices(3), strict=True)
         values = {f"l{row}{column}": model.factor[:, row, column] for row, column in places}
     values["opacity"] = model.attenuation
-    if isinstance(model.colour, Steps):
-        values |= zip(CHANNELS, model.colour.base.T, strict=True)
-    else:
-        for part, codebook in zip(("colour", "sh"), model.colour, strict=True):
-            values |= {f"{part}{stage}": index for stage, index in enumerate(codebook.index)}
+    values |= zip(CHANNELS, model.steps.base.T, strict=not model.codebooks)
+    for part, codebook in zip(("colour", "sh"), model.codebooks, strict=False):
+        values |= {f"{part}{stage}": index for stage, index in enumerate(codebook.index)}
     if "reserved" in dict(record.fields):
         values["reserved"] = np.zeros(len(model), np.uint64)
     if model.format.small:
@@ -145,9 +128,10 @@ def attributes(model: Quantised) -> np.ndarray:
     end = np.cumsum(1 + model.beats)
     beats = np.zeros((end[-1] if len(end) else 0, record.size), np.uint8)
     beats[end - 1 - model.beats] = record.pack(record.encode(values))
-    for number in np.unique(model.layouts):
-        chosen = np.flatnonzero(np.repeat(model.layouts, memory.CHUNK)[: len(model)] == number)
-        for k, codes in enumerate(harmonics(model.colour, LAYOUTS[number], chosen)):
+    layouts = model.steps.harmonics
+    for number in np.unique(layouts):
+        chosen = np.flatnonzero(np.repeat(layouts, memory.CHUNK)[: len(model)] == number)
+        for k, codes in enumerate(harmonics(model.steps, LAYOUTS[number], chosen)):
             beats[(end - model.beats)[chosen] + k] = codes
     return beats
 

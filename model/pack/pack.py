@@ -10,7 +10,7 @@ from splatcore.model.pack.factor import lower_triangular
 from splatcore.model.pack.layout import Quantised, lay_out
 from splatcore.model.pack.quality import COMPACT, INDEXED, SMALL, STEPPED
 from splatcore.model.pack.report import PackReport, report
-from splatcore.model.pack.steps import Steps, quantise_steps
+from splatcore.model.pack.steps import Steps, no_steps, quantise_steps
 from splatcore.model.pack.stored import keep, stored_scene
 from splatcore.spec.colour import COARSE, FINE, SECOND, SH_EXPONENT_MAX, folded, slopes_of
 from splatcore.spec.config import DEFAULT, Config
@@ -73,10 +73,8 @@ def pack(
     kept, clipped = clip_scales(kept, largest_element(config, format))
     lower = lower_triangular(kept.gaussians().factor)
     progress("colour")
-    if codebooks:
-        colour = tuple(codebook[stored.index] for codebook in codebooks)
-    else:
-        colour = quantised_colours(kept, format, quality, progress)
+    books = tuple(codebook[stored.index] for codebook in codebooks or ())
+    colour = quantised_colours(kept, format, quality, books, progress)
     progress("layout")
     absolute = format.position == "absolute"
     if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
@@ -88,7 +86,7 @@ def pack(
     with np.errstate(divide="ignore"):  # padding gets the lowest opacity
         opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(kept.opacity, 1)))
     quantised = Quantised(
-        format, chunks, position, factor, exponent, opacity, colour, scene.antialiased
+        format, chunks, position, factor, exponent, opacity, *colour, scene.antialiased
     )
     model = PackedModel(lay_out(quantised), scene.name)
     counts = {
@@ -103,17 +101,27 @@ def pack(
 
 
 def quantised_colours(
-    kept: Scene, format: ModelFormat, quality: str | np.ndarray, progress: Progress
-) -> Codebooks | Steps:
-    """Quantise colours and harmonics of Gaussians in stored order."""
+    kept: Scene,
+    format: ModelFormat,
+    quality: str | np.ndarray,
+    books: tuple[Codebook, ...],
+    progress: Progress,
+) -> tuple[Steps, tuple[Codebook, ...]]:
+    """Steps and codebooks of Gaussians in stored order.
+
+    books: codebooks that are already made, or none
+    """
     if not format.codebooks:
         progress("harmonics")
         factors = folded(kept.sh)
-        return quantise_steps(factors, layouts(factors, quality))
-    colours, slopes = appearance(kept)
-    first = quantise(colours, format.colour_index, COMPONENT)
-    progress("harmonics")
-    return first, quantise(slopes, format.sh_index, SLOPE, largest=SH_EXPONENT_MAX)
+        return quantise_steps(factors, layouts(factors, quality)), ()
+    if not books:
+        colours, slopes = appearance(kept)
+        first = quantise(colours, format.colour_index, COMPONENT)
+        progress("harmonics")
+        books = first, quantise(slopes, format.sh_index, SLOPE, largest=SH_EXPONENT_MAX)
+    used = [codebook.exponent for codebook in books if codebook.entries]
+    return no_steps(len(kept), used), books
 
 
 def qualities_of(config: Config) -> tuple[str, ...]:

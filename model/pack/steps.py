@@ -16,7 +16,7 @@ from splatcore.spec.colour import (
     STEP_BITS,
     step,
 )
-from splatcore.spec.memory import CHUNK
+from splatcore.spec.memory import CHUNK, chunk_count
 from splatcore.spec.number import Fixed
 
 
@@ -30,6 +30,13 @@ class Steps:
     base: np.ndarray  # [N, 3] integer codes of degree 0
     codes: list[np.ndarray]  # per degree from 1, [N, k, 3] integer codes
     shifts: list[np.ndarray]  # per degree from 1, [N]
+
+
+def no_steps(count: int, used: list[int]) -> Steps:
+    """The steps of a model of `count` Gaussians that has codebooks, whose exponents are `used`."""
+    exponents = used + [EXPONENT_MIN] * (DEGREES - len(used))
+    chunks = np.zeros((chunk_count(count), DEGREES), np.int64)
+    return Steps(exponents, chunks[:, 0], chunks, np.zeros((count, 0)), [], [])
 
 
 def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray) -> Steps:

@@ -19,12 +19,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.group import group_grid
 from splatcore.spec.microprogram import culling, program, projection
 from splatcore.spec.schedule import schedule
-
-STAGES = {
-    "preprocessing": ("chunk", "cull", "place", "project", "bin"),
-    "rendering": ("sort", "raster"),
-}
-"""Stages of each half."""
+from splatcore.spec.stages import HALVES
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,7 @@ class Cycles:
     def binding(self) -> tuple[str, str]:
         """The slower half, and its slowest stage."""
         half = "preprocessing" if self.preprocessing >= self.rendering else "rendering"
-        return half, max(STAGES[half], key=self.by_name.get)
+        return half, max(HALVES[half], key=self.by_name.get)
 
 
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:

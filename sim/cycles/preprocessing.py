@@ -4,6 +4,8 @@ Skipped chunks and points behind the camera leave stage 1 idle; splats with many
 points and splats are traced one by one through the queues between the stages.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -48,28 +50,46 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     kind[np.searchsorted(points.points, points.index)] = 3
     chunks = np.bincount(points.points // CHUNK, minlength=len(points.read))
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
-    steps = np.array([chunk_interval(config), cull.interval, place.interval, plan.interval])
-    attributes = ATTRIBUTES + latency
-    lengths = np.array(
-        [HEADER + latency, cull.length, place.length + attributes, plan.length + SPLAT]
+    parts = Parts(
+        Part(chunk_interval(config), HEADER + latency),
+        Part(cull.interval, cull.length),
+        Part(place.interval, place.length + ATTRIBUTES + latency),
+        Part(plan.interval, plan.length + SPLAT),
     )
     slots, queue = config.projection_slots, plan.length // plan.interval + 1 + SPARE
-    end = pass_points(chunks, kind, bin_costs(frame), steps, lengths, slots, queue)
+    end = pass_points(chunks, kind, bin_costs(frame), parts, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count
     return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))
 
 
+class Part(NamedTuple):
+    """A part of stages 0 and 1: cycles from one item to the next, and through it."""
+
+    interval: int
+    length: int
+
+
+class Parts(NamedTuple):
+    """The parts of stages 0 and 1, named like their programs."""
+
+    chunk: Part
+    cull: Part
+    place: Part
+    project: Part
+
+
 @njit(cache=True)
-def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
+def pass_points(chunks, kind, costs, parts, slots, queue):
     """Trace all points through stages 0 and 1; the cycle in which the last splat is binned.
 
     chunks: [C] points that are read per chunk
     kind: [N] last step of each point: 0 culled, 1 outside the guard band, 2 projected, 3 a splat
     costs: [M] binning cycles per splat
-    steps, lengths: [4] interval and latency of the programs chunk, cull, place and project
+    parts: `Parts`
     slots, queue: entries of the projection's slots and output queue
     """
+    chunk, cull, place, project = parts
     header = culled = placed = entered = binned = 0.0
     through = np.zeros(CHUNKS_WAITING + 1)  # when the last chunks left culling
     cull_left, place_left = np.zeros(INSIDE), np.zeros(INSIDE)  # when points left
@@ -77,31 +97,33 @@ def pass_points(chunks, kind, costs, steps, lengths, slots, queue):
     cost = 0
     point = read = front = inside = splats = 0
     for count in chunks:
-        header += steps[0]
+        header += chunk.interval
         if count == 0:
             continue
         header = max(header, through[read % len(through)])
         for k in range(count):
-            culled = max(culled + steps[1], header + lengths[0] if k == 0 else 0)
+            culled = max(culled + cull.interval, header + chunk.length if k == 0 else 0)
             if kind[point] > 0:
                 culled = max(culled, cull_left[front % INSIDE])
-                placed = max(placed + steps[2], culled + lengths[1])
+                placed = max(placed + place.interval, culled + cull.length)
                 if kind[point] > 1:
                     placed = max(placed, place_left[inside % INSIDE])
-                    pushed = max(placed + lengths[2], released[inside % slots])
-                    entered = max(entered + steps[3], pushed, gone[splats % queue])
-                    entered = np.ceil(entered / steps[3]) * steps[3]  # the array's round
-                    place_left[inside % INSIDE] = pushed - lengths[2]
-                    released[inside % slots] = entered + lengths[3]
+                    pushed = max(placed + place.length, released[inside % slots])
+                    entered = max(entered + project.interval, pushed, gone[splats % queue])
+                    entered = (
+                        np.ceil(entered / project.interval) * project.interval
+                    )  # the array's round
+                    place_left[inside % INSIDE] = pushed - place.length
+                    released[inside % slots] = entered + project.length
                     inside += 1
                     if kind[point] > 2:
-                        binned = max(binned + cost, entered + lengths[3])
+                        binned = max(binned + cost, entered + project.length)
                         cost = costs[splats]
-                        gone[splats % queue] = binned - lengths[3]
+                        gone[splats % queue] = binned - project.length
                         splats += 1
-                cull_left[front % INSIDE] = placed - lengths[1]
+                cull_left[front % INSIDE] = placed - cull.length
                 front += 1
             point += 1
         through[read % len(through)] = culled
         read += 1
-    return max(binned + cost, culled + lengths[1], header)
+    return max(binned + cost, culled + cull.length, header)

@@ -4,6 +4,8 @@ Only queues are modelled: the rasterizers' input queues decide how much of their
 other queues how much of sorting and writing overlaps with stage 3.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -32,35 +34,63 @@ MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
 BUSY = Blend.BUSY  # cycles before the same block may be issued again
 END_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 4  # from a last pixel's block to stage 2 stopping
 
-ENTERED, MARKED, PAIRS, SPLATS, MERGED, END = range(6)
-"""Indices into `Raster.clock`: cycle of the last splat's arrival, cycle of the last marked pair,
-number of pairs, number of splats with live tiles, cycle of the last merged entry, cycle of the last
+CLOCK = np.dtype([(name, float) for name in "entered marked merged end".split()])
+"""Cycles of stage 3: of the last splat's arrival, marked pair and merged entry, and of the last
 group's end."""
+
+RASTERIZER = np.dtype(
+    [
+        ("free", float),  # when it can issue its next block
+        ("begun", float, PAIRS_HELD),  # when its last pairs left
+        ("count", np.int64),  # pairs so far
+        ("last", np.int64, BUSY),  # last visited blocks
+        ("lanes", float, BUSY),  # when they entered the lanes
+        ("owed", float),  # blocks of the previous group still to be emitted
+        ("gone", float),  # when the last one was emitted
+    ]
+)
+"""A rasterizer."""
+
+
+class Work(NamedTuple):
+    """A frame's entries and pairs (`golden.raster`)."""
+
+    mask: np.ndarray  # [N] tiles of each entry
+    blocks: np.ndarray  # marked and visited blocks per tile, −1 for none
+    first: np.ndarray  # [N + 1] each entry's first place in `blocks`
+    owners: np.ndarray  # [blocks of a tile] their rasterizers
+
+
+class State(NamedTuple):
+    """The queues of stage 3."""
+
+    clock: np.ndarray  # [1] of `CLOCK`
+    rasterizers: np.ndarray  # of `RASTERIZER`
+    visited: np.ndarray  # [blocks of a group] whether they were visited in this group
+    room: np.ndarray  # [blocks of a group] when each has room
+    left: np.ndarray  # [SPLATS_INSIDE] when the last splats with live tiles left for setup
+    splats: np.ndarray  # [1] number of splats with live tiles
+    taken: np.ndarray  # [FEATURES_WAITING] when the last splats arrived
 
 
 class Raster:
     """Stage 3 of a frame. number: the next group; at: the next entry."""
 
     def __init__(self, config: Config, frame: Frame):
-        self.start, self.mask = frame.start, frame.sorted.mask.astype(np.int64)
-        self.blocks, self.group_blocks = frame.raster.blocks, block_count(config)
-        self.owners = np.array([owner(config, block)[0] for block in range(BLOCKS_A_TILE)])
+        mask, blocks = frame.sorted.mask.astype(np.int64), BLOCKS_A_TILE * config.group**2
+        first = np.concatenate([[0], np.cumsum(np.bitwise_count(mask), dtype=np.int64)])
+        owners = np.array([owner(config, block) for block in range(BLOCKS_A_TILE)])
+        self.work = Work(mask, frame.raster.blocks, first, owners)
+        self.start, self.group_blocks = frame.start, block_count(config)
         self.number = self.at = self.live_end = 0
-        self.clock = np.zeros(6)
-        self.clock[MARKED] = PAIR_LATENCY
-        self.free = np.zeros(config.rasterizers)  # when each can issue its next block
-        self.begun = np.zeros((config.rasterizers, PAIRS_HELD))  # when their last pairs left
-        self.count = np.zeros(config.rasterizers, np.int64)
-        self.last = np.full((config.rasterizers, BUSY), -1)  # last visited blocks
-        self.lanes = np.zeros((config.rasterizers, BUSY))  # when they entered the lanes
-        # Blocks of the previous group still to be emitted, and when the last one was emitted.
-        self.owed, self.gone = np.zeros((2, config.rasterizers))
-        self.visited = np.zeros(BLOCKS_A_TILE * config.group**2, bool)  # in this group
-        # When each block has room; its share of the rasterizer's blocks in the order of writing.
-        self.room = np.zeros(len(self.visited))
-        self.order = order(config)
-        self.left = np.zeros(SPLATS_INSIDE)  # when the last splats with live tiles left for setup
-        self.taken = np.zeros(FEATURES_WAITING)  # when the last splats arrived
+        self.order = order(config)  # each block's share of its rasterizer's, as they are written
+        self.state = State(
+            np.zeros(1, CLOCK), np.zeros(config.rasterizers, RASTERIZER), np.zeros(blocks, bool),
+            np.zeros(blocks), np.zeros(SPLATS_INSIDE), np.zeros(1, np.int64),
+            np.zeros(FEATURES_WAITING),
+        )  # fmt: skip
+        self.clock, self.rasterizers = self.state.clock[0], self.state.rasterizers
+        self.clock["marked"], self.rasterizers["last"] = PAIR_LATENCY, -1
 
     def entries(self, count: int, merged: float = 0, pace: float = 0, far: float = 0) -> float:
         """Trace the group's next entries; the cycle in which the last one is merged.
@@ -70,40 +100,21 @@ class Raster:
         pace: cycles per entry; 0 if entries are always available
         far: cycles from merging an entry to its splat's arrival
         """
-        self.clock[MERGED] = merged - pace
+        self.clock["merged"] = merged - pace
         if self.at == self.start[self.number]:
-            end, pair = self.start[self.number + 1], int(self.clock[PAIRS])
-            self.live_end = live_end(self.at, end, pair, self.mask, self.blocks)
+            self.live_end = live_end(self.at, self.start[self.number + 1], self.work)
         first, self.at = self.at, self.at + count
-        pass_splats(
-            first, self.at, self.live_end, self.mask, self.blocks, self.owners,
-            pace, far, self.clock, self.free, self.begun, self.count, self.last, self.lanes,
-            self.owed, self.gone, self.visited, self.room, self.left, self.taken,
-        )  # fmt: skip
-        return self.clock[MERGED]
+        pass_splats(first, self.at, self.live_end, pace, far, self.work, self.state)
+        return self.clock["merged"]
 
     def write(self, begin: float, cycles: float):
         """Write the finished blocks from cycle `begin` on, within `cycles`."""
-        self.room = begin + self.order * cycles
+        self.state.room[:] = begin + self.order * cycles
 
     def end(self) -> float:
         """End the group; the cycle in which the previous group's last block was emitted."""
-        self.clock[MARKED] += 1
-        ends = np.maximum(self.clock[MARKED] + QUEUE_LATENCY, self.free)
-        for r, at in enumerate(ends):
-            idle(r, at, self.free, self.owed, self.gone)
-        ends += self.owed
-        self.gone[self.owed > 0] = ends[self.owed > 0]
-        self.gone = np.maximum(self.gone, self.room.max())
-        ends = np.maximum(ends, self.gone + WRITE_LATENCY)  # none is in flight any more
-        self.clock[END] = ends.max()
-        self.free = np.maximum(self.free + TURN, ends + END_TURN)
-        self.owed[:], self.visited[:] = self.group_blocks, False
-        for r, count in enumerate(self.count):
-            self.begun[r, count % self.begun.shape[1]] = self.free[r]
-        self.count += 1
         self.number += 1
-        return self.gone.max()
+        return end_group(self.group_blocks, self.state)
 
 
 def order(config: Config) -> np.ndarray:
@@ -129,112 +140,124 @@ def raster_cycles(config: Config, frame: Frame) -> int:
             stage.end()
         else:
             stage.number += 1
-    return int(stage.free.max() + stage.group_blocks + BLOCK_LATENCY)
+    return int(stage.rasterizers["free"].max() + stage.group_blocks + BLOCK_LATENCY)
 
 
 @njit(cache=True)
-def idle(r, until, free, owed, gone):
+def idle(rasterizer, until):
     """Let a rasterizer emit blocks of the previous group while it is idle."""
-    emitted = min(max(until - free[r], 0), owed[r])
+    emitted = min(max(until - rasterizer.free, 0), rasterizer.owed)
     if emitted > 0:
-        owed[r] -= emitted
-        gone[r] = free[r] + emitted
+        rasterizer.owed -= emitted
+        rasterizer.gone = rasterizer.free + emitted
 
 
 @njit(cache=True)
-def pass_splats(
-    first, end, ended, mask, blocks, owners,
-    pace, far, clock, free, begun, count, last, lanes, owed, gone, visited, room,
-    left, taken,
-):  # fmt: skip
+def end_group(blocks, state):
+    """End a group: each rasterizer owes its blocks; the cycle of the previous group's last one."""
+    clock, room = state.clock[0], state.room.max()
+    clock.marked += 1
+    clock.end = gone = 0.0
+    for r in range(len(state.rasterizers)):
+        one = state.rasterizers[r]
+        end = max(clock.marked + QUEUE_LATENCY, one.free)
+        idle(one, end)
+        end += one.owed
+        one.gone = max(end if one.owed > 0 else one.gone, room)
+        end = max(end, one.gone + WRITE_LATENCY)  # none is in flight any more
+        one.free = max(one.free + TURN, end + END_TURN)
+        one.owed, one.begun[one.count % PAIRS_HELD] = blocks, one.free
+        one.count += 1
+        clock.end, gone = max(clock.end, end), max(gone, one.gone)
+    state.visited[:] = False
+    return gone
+
+
+@njit(cache=True)
+def pass_splats(first, end, ended, pace, far, work, state):
     """Trace a group's entries first … end through the queues.
 
     ended: first entry after which all tiles have ended
-    mask: [N] tiles of each entry
-    blocks: marked and visited blocks per tile, −1 for none (`golden.raster.Raster.blocks`)
-    Updates `clock` and the arrays after it.
+    pace, far: as in `Raster.entries`
     """
-    entered, marked, merged = clock[ENTERED], clock[MARKED], clock[MERGED]
-    pair, splats = int(clock[PAIRS]), int(clock[SPLATS])
+    clock, taken, left, splats = state.clock[0], state.taken, state.left, state.splats[0]
+    entered, marked, merged = clock.entered, clock.marked, clock.merged
+    masks, blocks, places, owners = work
     for k in range(first, end):
         if pace > 0:
             if k == ended:
-                merged = max(merged, min(merged + pace * (end - k), free.max() + END_LATENCY))
+                last = state.rasterizers.free.max() + END_LATENCY
+                merged = max(merged, min(merged + pace * (end - k), last))
             elif k < ended:
                 merged = max(merged + pace, taken[k % len(taken)])
             entered = max(entered, merged + far - 1)
         entered = max(entered + 1, left[splats % SPLATS_INSIDE])
         taken[k % len(taken)] = entered
-        dead, tile, tiles = True, 0, mask[k]
-        while tiles >> tile:
-            if tiles >> tile & 1:
+        dead, pair, tile, mask = True, places[k], 0, masks[k]
+        while mask >> tile:
+            if mask >> tile & 1:
                 found = blocks[pair]
                 pair += 1
                 if found >= 0:
                     dead = False
                     marked = max(marked + 1, entered + PAIR_LATENCY)
-                    marked = _deal(
-                        found, tile, marked, owners, free, begun, count, last, lanes,
-                        owed, gone, visited, room,
-                    )  # fmt: skip
+                    marked = _deal(found, tile, marked, owners, state)
             tile += 1
         if not dead:
             left[splats % SPLATS_INSIDE] = marked - MARK_LATENCY
             splats += 1
-    clock[ENTERED], clock[MARKED], clock[MERGED] = entered, marked, merged
-    clock[PAIRS], clock[SPLATS] = pair, splats
+    clock.entered, clock.marked, clock.merged, state.splats[0] = entered, marked, merged, splats
 
 
 @njit(cache=True)
-def live_end(first, end, pair, mask, blocks):
+def live_end(first, end, work):
     """The entry after the last one with a live tile."""
-    found = first
-    for k in range(first, end):
-        tiles = mask[k]
-        while tiles:
-            if tiles & 1:
-                if blocks[pair] >= 0:
-                    found = k + 1
-                pair += 1
-            tiles >>= 1
-    return found
+    for k in range(end - 1, first - 1, -1):
+        for pair in range(work.first[k], work.first[k + 1]):
+            if work.blocks[pair] >= 0:
+                return k + 1
+    return first
 
 
 @njit(cache=True)
-def _deal(
-    found, tile, marked, owners, free, begun, count, last, lanes, owed, gone, visited, room
-):  # fmt: skip
+def _deal(found, tile, marked, owners, state):
     """Push a pair to the rasterizers that own its blocks; the cycle in which all had room."""
+    every, visited, room = state.rasterizers, state.visited, state.room
     for block in range(BLOCKS_A_TILE):
         if found >> block & 1:
-            r = owners[block]
-            marked = max(marked, begun[r, count[r] % begun.shape[1]])
-    for r in range(len(free)):
-        time, some = max(marked + QUEUE_LATENCY, free[r]), False
+            one = every[owners[block]]
+            marked = max(marked, one.begun[one.count % PAIRS_HELD])
+    for r in range(len(every)):
+        one, some = every[r], False
+        time = max(marked + QUEUE_LATENCY, one.free)
         for block in range(BLOCKS_A_TILE):
             if owners[block] != r or not found >> block & 1:
                 continue
             if not some:
-                idle(r, time, free, owed, gone)
+                idle(one, time)
             some = True
             if found >> BLOCKS_A_TILE + block & 1:
-                name = tile * BLOCKS_A_TILE + block
-                if owed[r] > 0 and not visited[name]:
-                    visited[name] = True
-                    time = max(time, room[name])
-                    owed[r] -= 1
-                    gone[r] = time
-                busy = last.shape[1]
-                for back in range(busy):
-                    if last[r, back] == name:
-                        time = max(time, lanes[r, back] + busy)
-                for back in range(busy - 1, 0, -1):
-                    last[r, back] = last[r, back - 1]
-                    lanes[r, back] = lanes[r, back - 1]
-                last[r, 0], lanes[r, 0] = name, time
+                time = _visit(one, tile * BLOCKS_A_TILE + block, time, visited, room)
             time += 1
         if some:
-            free[r] = time
-            begun[r, count[r] % begun.shape[1]] = time
-            count[r] += 1
+            one.free = one.begun[one.count % PAIRS_HELD] = time
+            one.count += 1
     return marked
+
+
+@njit(cache=True)
+def _visit(one, block, time, visited, room):
+    """Issue a block to a rasterizer's lanes; the cycle in which it enters them."""
+    if one.owed > 0 and not visited[block]:
+        visited[block] = True
+        time = max(time, room[block])
+        one.owed -= 1
+        one.gone = time
+    last, lanes = one.last, one.lanes
+    for back in range(BUSY):
+        if last[back] == block:
+            time = max(time, lanes[back] + BUSY)
+    for back in range(BUSY - 1, 0, -1):
+        last[back], lanes[back] = last[back - 1], lanes[back - 1]
+    last[0], lanes[0] = block, time
+    return time

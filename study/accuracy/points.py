@@ -165,7 +165,8 @@ def splats_of(fields: Fields, opacity: np.ndarray, index: np.ndarray) -> Splats:
 def picture(splats: Splats, camera: Camera, convention: Convention = SPLATCORE) -> np.ndarray:
     """Rasterize splats in depth order by the reference: image [H, W, 3], clipped to 0 … 1."""
     lists = tile_lists(splats, camera, convention)
-    return np.clip(rasterize(lists, splats, camera.width, camera.height, convention)[0], 0, 1)
+    found = rasterize(lists, splats, camera.width, camera.height, convention)
+    return np.clip(found.image, 0, 1)
 
 
 def field_errors(found: Fields, exact: Fields) -> Fields:

@@ -10,7 +10,7 @@ from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.model.generate.hard import HARD
-from splatcore.model.generate.hard_antialiased import ANTIALIASED
+from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.sim.common import notes
 from splatcore.sim.common.notes import with_notes
 from splatcore.sim.common.output import messages, progress_bar

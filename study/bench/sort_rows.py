@@ -9,7 +9,6 @@ from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
 from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
 from splatcore.spec.record import Codes
-from splatcore.spec.sort import job_record
 
 Rows = dict[str, np.ndarray]
 
@@ -56,19 +55,6 @@ class SortRows:
     @property
     def counts(self) -> dict[str, int]:
         return {name: len(rows) for name, rows in self.expected.items()}
-
-
-def sort_rows(config: Config, counts: np.ndarray, entries: Codes, last=1) -> SortRows:
-    """Rows for jobs of `counts` [J] entries. last: [J], 1 for the last job of a group."""
-    counts = np.asarray(counts)
-    last = np.broadcast_to(last, len(counts))
-    return SortRows(
-        {
-            "jobs": job_record(config).pack({"count": counts, "last": last}),
-            "entries": entry_record(config).pack(entries),
-        },
-        {"o": sorted_record(config).pack(sort(counts, last, entries))},
-    )
 
 
 def stage_rows(config: Config, counts: np.ndarray, entries: Codes) -> SortRows:

@@ -71,11 +71,12 @@ def points() -> Iterator[Point]:
     for count in (1, 2, 8, 16):
         yield changed("lanes", count * LANES, rasterizers=count)
     for limit, below in product(LIMITS, FAINT):
-        if (faint := (limit, below, DEFAULT.faint[-1])) != DEFAULT.faint:
+        faint = DEFAULT.faint._replace(dark=limit, taken=below)
+        if faint != DEFAULT.faint:
             yield changed("faint", f"T 1/{1 << limit}, below 1/{1 << below}", faint=faint)
     for end in ENDS:
         name = f"the rest below 1/{1 << end}"
-        yield changed("faint", name, faint=(*DEFAULT.faint[:2], end))
+        yield changed("faint", name, faint=DEFAULT.faint._replace(ends=end))
     yield changed("faint", "off", faint=())
     yield changed("PEs", 6, pes=6)
     for count in (1, 2, 4):

@@ -129,7 +129,7 @@ def changed(golden, place: tuple[int, int, int], by: int):
     """Return a golden frame with one colour value XORed."""
     pixels = golden.pixels.copy()
     pixels[place] ^= by
-    return replace(golden, raster=replace(golden.raster, pixels=pixels))
+    return replace(golden, raster=golden.raster._replace(pixels=pixels))
 
 
 def test_a_wrong_picture(tmp_path, monkeypatch, quick, capsys):

@@ -34,9 +34,9 @@ def compensated(monkeypatch):
     """One flag per rendered picture: whether its opacities were compensated."""
     flags, right = [], drawn.Drawn.__init__
 
-    def recorded(self, arrays, camera, convention, antialiased):
+    def recorded(self, arrays, camera, antialiased):
         flags.append(antialiased)
-        right(self, arrays, camera, convention, antialiased)
+        right(self, arrays, camera, antialiased)
 
     monkeypatch.setattr(drawn.Drawn, "__init__", recorded)
     return flags
@@ -115,5 +115,7 @@ def test_state_of_training_of_the_other_kind(marked, tmp_path, monkeypatch):
     photographs = list(pictures(marked, surrounding_views(marked.gaussians(), 2, 32, 24)))
     points = marked.position[::9], np.full((len(marked.position[::9]), 3), 128, np.uint8)
     train(photographs, points, 2, 0, tmp_path, nothing, True)
-    with pytest.raises(InputError, match=r"run \(78 points, 2 steps, seed 0, antialiased\)"):
+    with pytest.raises(
+        InputError, match=r"training run \(78 points, 2 steps, seed 0, antialiased\)"
+    ):
         train(photographs, points, 2, 0, tmp_path, nothing)

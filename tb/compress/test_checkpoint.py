@@ -12,6 +12,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS
+from tb.helpers.refusal import refused
 from tb.helpers.scenes import random_scene
 
 SCENE = replace(random_scene(40, 3), name="cube")
@@ -89,8 +90,7 @@ def test_cut_off_files_are_named(kept, share):
     for step in kept.steps:
         path = kept.folder / step.file
         path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-        with pytest.raises(InputError, match=step.file):
-            kept.load(step)
+        refused(step.file, kept.load, step)
 
 
 def test_missing_and_exchanged_files_are_named(kept):
@@ -100,11 +100,9 @@ def test_missing_and_exchanged_files_are_named(kept):
     pack(SCENE[:23], TINY)[0].image.tofile(third)
     messages = ("is not a step's scene", "is not the scene of step", "is not the model of step")
     for step, message in zip(kept.steps, messages, strict=True):
-        with pytest.raises(InputError, match=f"{step.file}: {message}"):
-            kept.load(step)
+        refused(f"{step.file}: {message}", kept.load, step)
     third.unlink()
-    with pytest.raises(InputError, match=r"02-quantize.splatcore"):
-        kept.load(kept.steps[2])
+    refused(r"02-quantize.splatcore", kept.load, kept.steps[2])
 
 
 @pytest.mark.parametrize(
@@ -127,8 +125,7 @@ def test_foreign_steps_are_refused(kept, change, message):
         Checkpoints(kept.folder, kept.key)
     assert message in str(error.value)
     path.write_text(path.read_text()[:-9])
-    with pytest.raises(InputError, match=r"steps.json: is not valid JSON"):
-        Checkpoints(kept.folder, kept.key)
+    refused(r"steps.json: is not valid JSON", Checkpoints, kept.folder, kept.key)
 
 
 @pytest.mark.parametrize("name, loss", [("original", 0.1), ("new", float("nan"))])
@@ -141,8 +138,7 @@ def test_a_step_is_kept_once_and_with_a_number_for_its_loss(kept, name, loss):
 def test_what_cannot_be_written_leaves_the_steps(kept):
     """If writing a step fails before the list is updated, only that step is lost."""
     (kept.folder / ".part.npz").mkdir()
-    with pytest.raises(InputError, match=r"run: cannot be written"):
-        kept.save("new", "original", SCENE)
+    refused(r"run: cannot be written", kept.save, "new", "original", SCENE)
     again = Checkpoints(kept.folder, kept.key)
     assert [step.name for step in again.steps] == ["original", "prune 0.4 (2)", "quantize"]
     assert again.steps == kept.steps

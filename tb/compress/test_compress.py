@@ -14,12 +14,14 @@ from splatcore.model.compress.choice import decibels
 from splatcore.model.compress.compress import compress
 from splatcore.model.compress.prune import prune, sound
 from splatcore.model.compress.recipe import Recipe
-from splatcore.model.compress.significance import significance, view_weights
+from splatcore.model.compress.significance import significance
 from splatcore.model.generate.generate import generated_camera
 from splatcore.model.gradients import finetune as finetune_module
 from splatcore.model.gradients import trainable
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.model.gradients.finetune import (
     LAPS,
+    Run,
     difference,
     finetune,
     optimise,
@@ -30,7 +32,8 @@ from splatcore.sim.frame.metric import psnr
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import ARRAYS, Scene
-from tb.helpers.compression_scene import RECIPE, SIZE, nothing
+from tb.helpers.compression_scene import RECIPE, SIZE, noted, nothing
+from tb.helpers.refusal import refused
 
 FIRST = replace(RECIPE, degree=1)
 
@@ -98,8 +101,7 @@ def test_target_ratio(scene, targets, checkpoints, tmp_path):
     *_, step = compress(scene, targets, replace(RECIPE, target_ratio=15.0), checkpoints)
     assert 15 <= ply_bytes(len(scene), 3) / step.bytes < 20
     far, empty = replace(RECIPE, target_ratio=1e6), Checkpoints(tmp_path / "b", "")
-    with pytest.raises(InputError, match="--target-ratio: allows 0 bytes"):
-        list(compress(scene, targets, far, empty))
+    refused("--target-ratio: allows 0 bytes", list, compress(scene, targets, far, empty))
 
 
 def test_a_ratio_that_packing_alone_gives(scene, targets, checkpoints):
@@ -134,8 +136,7 @@ def test_nothing_to_see(scene, targets, tmp_path):
         (away, targets, "away.ply: no view shows a Gaussian"),
         (scene, (), "no picture to learn from"),
     ):
-        with pytest.raises(InputError, match=message):
-            list(compress(name, learned, RECIPE, Checkpoints(tmp_path / message, "")))
+        refused(message, list, compress(name, learned, RECIPE, Checkpoints(tmp_path / message, "")))
 
 
 def test_significance(scene, cameras):
@@ -154,7 +155,7 @@ def test_significance(scene, cameras):
     assert 0 < hidden < 0.03 * seen < front and behind == 0
     volume = scene.scale.prod(axis=1)
     term = np.minimum(volume / np.percentile(volume, 90), 1) ** 0.1
-    assert np.allclose(sum(view_weights(scene, cameras)) * term, found)
+    assert np.allclose(sum(blending_weights(scene.gaussians(), cameras)) * term, found)
 
 
 def test_merging_loses_less_than_dropping(scene, targets, cameras):
@@ -182,15 +183,10 @@ def test_all_views_before_one_comes_again():
 
 
 def test_every_view_is_learned_from(scene, targets, monkeypatch):
-    seen, right = [], finetune_module.render
-
-    def noted(*given, **options):
-        seen.append(given[-1])
-        return right(*given, **options)
-
-    monkeypatch.setattr(finetune_module, "render", noted)
+    calls = noted(monkeypatch, finetune_module, "render")
     tensors = tensors_of(scene)
-    finetune(tensors, optimizers(tensors, 1.0), targets, len(targets), 0, nothing, "test", 0.3)
+    finetune(tensors, optimizers(tensors, 1.0), targets, 0, Run("test", len(targets), 0.3, nothing))
+    seen = [given[-1] for given in calls]
     assert {*seen} == {target.camera for target in targets} and len(seen) == len(targets)
 
 
@@ -211,7 +207,7 @@ def test_a_perfect_picture_moves_nothing():
 def test_finetuning_helps(scene, targets):
     tensors = tensors_of(replace(scene, sh=scene.sh * 0.9))
     before = decibels(scene_of(tensors), targets)
-    finetune(tensors, optimizers(tensors, 1.0), targets, 30, 0, nothing, "test", 0.3)
+    finetune(tensors, optimizers(tensors, 1.0), targets, 0, Run("test", 30, 0.3, nothing))
     assert decibels(scene_of(tensors), targets) > before + 1
 
 
@@ -228,7 +224,7 @@ def test_learning_rates_rise_then_fall():
         def loss(_, leaves=leaves) -> torch.Tensor:
             return sum(leaf.sum() for leaf in leaves.values())
 
-        optimise(adams, 200, loss, progress, "test", left)
+        optimise(adams, Run("test", 200, left, progress), loss)
         rates = np.array(seen)
         assert np.allclose(rates[0], 0.2) and np.allclose(rates[9], 2, rtol=0.25)
         assert (np.diff(rates[:10], axis=0) > 0).all() and (np.diff(rates[10:], axis=0) < 0).all()
@@ -241,12 +237,12 @@ def test_learning_rates_of_the_format(scene, targets, checkpoints, monkeypatch, 
     decays almost to 0 and quantisation starts again at a fifth."""
     seen, learn = {}, finetune_module.optimise
 
-    def noted(optimizers, steps, loss_of, progress, phase, left, kept):
-        rates = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
-        seen[phase] = rates, left
-        return learn(optimizers, steps, loss_of, progress, phase, left, kept)
+    def rates(optimizers, run, loss_of):
+        first = {name: adam.param_groups[0]["lr"] for name, adam in optimizers.items()}
+        seen[run.phase] = first, run.left
+        return learn(optimizers, run, loss_of)
 
-    monkeypatch.setattr(finetune_module, "optimise", noted)
+    monkeypatch.setattr(finetune_module, "optimise", rates)
     recipe = replace(RECIPE, degree=degree, schedule=(0.3,), distill_steps=0)
     list(compress(scene, targets, recipe, checkpoints))
     (before, left), (after, last) = seen["prune 0.3"], seen["quantize"]
@@ -260,11 +256,11 @@ def test_positions_learn_in_sizes_of_the_gaussians(scene, targets, checkpoints, 
     """The unit of the positions' rate is the median of the Gaussians' middle scales."""
     units, make = [], trainable.optimizers
 
-    def noted(tensors, unit, *others):
+    def measured(tensors, unit, *others):
         units.append((unit, np.median(np.sort(scene_of(tensors).scale, axis=1)[:, 1])))
         return make(tensors, unit, *others)
 
-    monkeypatch.setattr(trainable, "optimizers", noted)
+    monkeypatch.setattr(trainable, "optimizers", measured)
     list(compress(scene, targets, FIRST, checkpoints))
     assert len(units) == 5, "two degrees, two prunings, quantisation"
     for unit, middle in units:
@@ -297,8 +293,7 @@ def test_rendered_parameters(scene):
     ),
 )  # fmt: skip
 def test_recipes_that_cannot_be(change, option):
-    with pytest.raises(InputError, match=f"^{option}: "):
-        Recipe(**change)
+    refused(f"^{option}: ", Recipe, **change)
 
 
 def test_targets_are_the_scene_itself(scene, targets):

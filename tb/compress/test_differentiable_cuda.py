@@ -57,16 +57,13 @@ def test_the_call(monkeypatch, degree, antialiased):
     tensors = [torch.tensor(array) for array in arrays]
     wanted = np.random.default_rng(0).random((40, 50, 3))
     found = []
-    for renderer in (render, None):
+    for renderer in (render, _render_cuda):
         centre = torch.zeros((1, 40, 2), dtype=torch.float64, requires_grad=True)
         shift = centre[0]  # as in training: a view of the tensor that has the gradient
-        if renderer:
-            drawn = renderer(*tensors, camera, shift, antialiased=antialiased)
-            image, rest, visible = drawn.image, drawn.transmittance, drawn.visible
-        else:
-            image, rest, visible = _render_cuda(*tensors, camera, shift, SPLATCORE, antialiased)
-        (image * torch.tensor(wanted)).sum().backward()
-        found.append((image.detach(), rest.detach(), np.sort(visible), centre.grad))
+        drawn = renderer(*tensors, camera, shift, antialiased)
+        (drawn.image * torch.tensor(wanted)).sum().backward()
+        picture = drawn.image.detach(), drawn.transmittance.detach()
+        found.append((*picture, np.sort(drawn.visible), centre.grad))
     for cpu, cuda in zip(*found, strict=True):
         assert np.allclose(cpu, cuda, rtol=1e-5, atol=1e-9)
     assert found[0][3].abs().max() > 0

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from splatcore.model.compress.codebooks import assign_slopes, in_codebooks
-from splatcore.model.compress.directions import ELSEWHERE, Directions, directions_of
 from splatcore.model.compress.judge import decibels
-from splatcore.model.compress.significance import view_weights
+from splatcore.model.compress.significance import ELSEWHERE, Directions, directions_of
 from splatcore.model.compress.teacher import pictures
 from splatcore.model.generate.generate import generated_camera
+from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT
 from tb.helpers.compression_scene import SIZE
@@ -25,7 +25,8 @@ def seen(scene, cameras) -> Directions:
 def rays(scene, cameras) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors [N, V, 3] from the cameras, and their weights [N, V]."""
     ray = scene.position[:, None] - np.array([camera.position for camera in cameras])
-    weight = np.stack(list(view_weights(scene, cameras)), axis=1).astype(np.float64)
+    weights = blending_weights(scene.gaussians(), cameras)
+    weight = np.stack(list(weights), axis=1).astype(np.float64)
     return ray / np.linalg.norm(ray, axis=2, keepdims=True), weight
 
 

@@ -20,22 +20,25 @@ from splatcore.model.compress.teacher import (
     teacher_targets,
     unpacked_picture,
 )
-from splatcore.model.gradients.differentiable import render as torch_render
+from splatcore.model.gradients.finetune import Run
 from splatcore.model.gradients.trainable import scene_of
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import COLOUR_OFFSET
-from tb.helpers.compression_scene import nothing
+from tb.helpers.compression_scene import noted, nothing
 
 SMALL = (48, 32)
+
+
+def run(steps: int) -> Run:
+    return Run("test", steps, 0.3, nothing)
 
 
 def test_distilling(scene, cameras):
     """Fewer harmonics beat truncated ones by 0.1 dB after least squares, 0.3 dB after teaching."""
     strong = replace(scene, sh=np.concatenate([scene.sh[:, :4], 4 * scene.sh[:, 4:]], axis=1))
     wanted = list(pictures(strong, cameras))
-    recipe = Recipe(rate=0.3, distill_steps=40)
-    student, loss = distill(strong, 1, cameras, 1.0, recipe, nothing, "test")
+    student, loss = distill(strong, 1, cameras, 1.0, Recipe(rate=0.3), run(40))
     assert scene_of(student).sh_degree == 1 and np.isfinite(loss)
     cut = decibels(strong.with_sh_degree(1), wanted)
     assert decibels(scene_of(student), wanted) > cut + 0.3
@@ -56,7 +59,7 @@ def test_least_squares_of_harmonics(scene, cameras):
 
 
 def test_it_begins_with_least_squares(scene, cameras):
-    student, loss = distill(scene, 1, cameras, 1.0, Recipe(distill_steps=0), nothing, "test")
+    student, loss = distill(scene, 1, cameras, 1.0, Recipe(), run(0))
     assert loss is None and np.allclose(scene_of(student).sh, projected(scene, 1, cameras).sh)
 
 
@@ -73,15 +76,14 @@ def test_colours_below_black_are_black(scene, cameras):
 
 def test_half_of_the_steps_are_beside_the_views(scene, cameras, monkeypatch):
     """About half of the steps render views moved by at most MOVE."""
-    beside = []
-    right = distill_module.perturbed
+    beside, right = [], distill_module.perturbed
 
-    def noted(camera, *arguments):
+    def kept(camera, *arguments):
         beside.append(right(camera, *arguments))
         return beside[-1]
 
-    monkeypatch.setattr(distill_module, "perturbed", noted)
-    distill(scene, 1, cameras, 2.0, Recipe(distill_steps=40), nothing, "test")
+    monkeypatch.setattr(distill_module, "perturbed", kept)
+    distill(scene, 1, cameras, 2.0, Recipe(), run(40))
     assert 12 <= len(beside) <= 28
     away = [
         min(np.linalg.norm(camera.position - own.position) for own in cameras) for camera in beside
@@ -101,20 +103,14 @@ def test_from_all_round(garden):
 
 def test_pictures_are_rendered_when_they_are_read(garden, monkeypatch):
     """Once while they are cached; cameras and names need no rendering."""
-    drawn = []
-
-    def counted(*given, **options):
-        drawn.append(given[-1])
-        return torch_render(*given, **options)
-
-    monkeypatch.setattr(teacher_module, "render", counted)
+    drawn = noted(monkeypatch, teacher_module, "render")
     monkeypatch.setattr(teacher_module, "REMEMBERED", 2)
     targets = teacher_targets(garden, 3, SMALL, 0)
     cameras = [target.camera for target in targets]
     assert all(isinstance(target.name, str) for target in targets) and not drawn
     for k in (0, 1, 1, 0, 2, 2, 0, 1):
         assert targets[k].image.shape == (SMALL[1], SMALL[0], 3)
-    assert drawn == [cameras[k] for k in (0, 1, 2, 1)]
+    assert [given[-1] for given in drawn] == [cameras[k] for k in (0, 1, 2, 1)]
 
 
 def test_on_the_path_of_cameras(garden):

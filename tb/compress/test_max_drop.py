@@ -11,8 +11,8 @@ from splatcore.model.compress.compress import Compression, compress, decibels
 from splatcore.model.compress.significance import significance
 from splatcore.model.formats.photographs import Target
 from splatcore.spec.config import DEFAULT
-from splatcore.spec.error import InputError
-from tb.helpers.compression_scene import RECIPE, nothing
+from tb.helpers.compression_scene import RECIPE, noted, nothing
+from tb.helpers.refusal import refused
 
 
 @pytest.fixture
@@ -36,8 +36,7 @@ def test_max_drop(scene, targets, noisy, checkpoints, tmp_path):
     assert lost <= 3.0
     assert any(each.kind == "prune" for each in checkpoints.steps)
     strict, empty = replace(recipe, max_drop=1e-6), Checkpoints(tmp_path / "b", "")
-    with pytest.raises(InputError, match=r"--max-drop: 1e-06 dB cannot be kept"):
-        list(compress(scene, targets, strict, empty))
+    refused(r"--max-drop: 1e-06 dB cannot be kept", list, compress(scene, targets, strict, empty))
 
 
 def test_pruning_ends_where_rates_remove_nothing(scene, noisy, checkpoints):
@@ -48,15 +47,9 @@ def test_pruning_ends_where_rates_remove_nothing(scene, noisy, checkpoints):
 
 def test_held_out_views_are_not_learned_from(scene, targets, checkpoints, monkeypatch):
     """No fine-tuning sees every seventh view, the first one included."""
-    seen = set()
-    right = compress_module.finetune
-
-    def noted(tensors, optimizers, targets, *rest, **more):
-        seen.update(target.name for target in targets)
-        return right(tensors, optimizers, targets, *rest, **more)
-
-    monkeypatch.setattr(compress_module, "finetune", noted)
+    calls = noted(monkeypatch, compress_module, "finetune")
     steps = list(compress(scene, targets, replace(RECIPE, degree=1, max_drop=30.0), checkpoints))
+    seen = {target.name for _, _, learned, *_ in calls for target in learned}
     assert seen == {target.name for k, target in enumerate(targets) if k not in (0, 7)}
     kinds = [step.kind for step in steps]
     assert kinds[:4] == ["original", "distill", "distill", "prune"]

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from splatcore.model.compress import codebooks
-from splatcore.model.compress.directions import Directions
 from splatcore.model.compress.quantize import round_fixed, round_float
+from splatcore.model.compress.significance import Directions
 from splatcore.model.compress.steps import InSteps
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.finetune import as_tensor, difference, finetune
+from splatcore.model.gradients.finetune import Run, as_tensor, difference, finetune
 from splatcore.model.gradients.trainable import RATES, REFINING, optimizers, scene_of, tensors_of
 from splatcore.model.pack.quality import COMPACT, INDEXED
 from splatcore.model.pack.stored import stored_scene
@@ -120,7 +120,7 @@ def test_codebooks_learn(scene, targets):
     wrong = error(work.rendered(work.tensors), targets)
     leaves, rates = work.leaves()
     adams = optimizers(leaves, 1.0, RATES | rates)
-    finetune(work.tensors, adams, targets, 40, 0, nothing, "x", 0.3, work.rendered)
+    finetune(work.tensors, adams, targets, 0, Run("x", 40, 0.3, nothing), work.rendered)
     after = work.colour.codebook()
     assert any((a != b).any() for a, b in zip(before, after.entries, strict=True))
     assert all(np.array_equal(entries, np.rint(entries)) for entries in after.entries)
@@ -141,7 +141,7 @@ def test_gaussians_take_nearer_entries(scene, targets, quality):
     harmonics = {name: leaves[name] for name in ("sh0", "shN")}
     adams = optimizers(harmonics, 1.0, REFINING | rates)
     for _ in range(3):
-        finetune(work.tensors, adams, targets, 20, 0, nothing, "x", 0.3, work.rendered)
+        finetune(work.tensors, adams, targets, 0, Run("x", 20, 0.3, nothing), work.rendered)
         work.refresh()
     assert error(work.rendered(work.tensors), targets) < 0.96 * before
     assert all((a != b).any() for a, b in zip(given, work.colour.index, strict=True))
@@ -156,7 +156,7 @@ def test_harmonics_in_steps_learn(scene, targets):
     leaves, rates = work.leaves()
     harmonics = {name: leaves[name] for name in ("sh0", "shN")}
     adams = optimizers(harmonics, 1.0, REFINING | rates)
-    finetune(work.tensors, adams, targets, 30, 0, nothing, "x", 0.3, work.rendered)
+    finetune(work.tensors, adams, targets, 0, Run("x", 30, 0.3, nothing), work.rendered)
     assert error(work.rendered(work.tensors), targets) < 0.7 * before
     work.refresh()
     assert np.allclose(*compared(work), rtol=1e-6, atol=1e-7)

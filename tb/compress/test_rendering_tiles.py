@@ -12,7 +12,7 @@ from splatcore.model.gradients import differentiable, drawn, rendering_points, r
 from splatcore.model.gradients.differentiable import render
 from splatcore.model.gradients.drawn import blending_weights
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import SPLATCORE, TILE
+from splatcore.spec.convention import TILE
 from splatcore.spec.scene import Gaussians
 from tb.helpers.dense_splatting import PARAMETERS
 from tb.helpers.splatting_scenes import loss, tensors
@@ -72,7 +72,7 @@ def test_splats_are_those_of_the_reference(antialiased):
     """Equal opacity, reach and box; a few more splats, whose boxes hold no pixel centre."""
     arrays, camera = garden()
     arrays["factor"] *= 0.3  # many are below a pixel
-    view = rendering_points.view_numbers(camera, SPLATCORE, antialiased)
+    view = rendering_points.view_numbers(camera, antialiased)
     splats, index = drawn._project([arrays[key] for key in PARAMETERS], view)
     wanted, _ = project(Gaussians(*(arrays[key] for key in PARAMETERS[:4]), antialiased), camera)
     assert 500 < len(wanted) <= len(index) < 1.1 * len(wanted)
@@ -85,7 +85,7 @@ def test_splats_are_those_of_the_reference(antialiased):
 
 def test_lists_hold_the_pairs_of_the_reference():
     arrays, camera = garden()
-    view = rendering_points.view_numbers(camera, SPLATCORE)
+    view = rendering_points.view_numbers(camera)
     splats, index = drawn._project([arrays[key] for key in PARAMETERS], view)
     first, start, pair, owner = rendering_tiles.tile_lists(splats, camera.width, camera.height)
     wanted = reference(generate("garden", 3000).gaussians(), camera)

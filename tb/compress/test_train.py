@@ -15,6 +15,7 @@ from splatcore.model.generate.generate import generate
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.error import InputError
 from tb.helpers.compression_scene import nothing
+from tb.helpers.refusal import refused
 
 STEPS = 60
 
@@ -103,8 +104,7 @@ def test_nan_in_the_loss(photographs, points, tmp_path, monkeypatch):
 
 
 def test_too_few_points(photographs, points):
-    with pytest.raises(InputError, match="3 points are too few"):
-        initial_scene(points[0][:3], points[1][:3])
+    refused("3 points are too few", initial_scene, points[0][:3], points[1][:3])
 
 
 def test_initial_scene(points):

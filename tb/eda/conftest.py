@@ -11,7 +11,7 @@ from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.common.sources import code_key
 from splatcore.spec.config import TINY
 from tb.helpers.command import run
-from tb.helpers.ports import MAPS
+from tb.helpers.configs import MAPS
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.registers import ErrorCode, register_map
 from tb.helpers.c_host import host_lines
 from tb.helpers.command import ROOT
-from tb.helpers.ports import MAPS, wide_addresses
+from tb.helpers.configs import MAPS, wide_addresses
 
 HEADERS = "stdint limits errno stdio stdlib math stddef stdbool string inttypes signal float"
 LANGUAGES = {"c": ["gcc", "-std=gnu17"], "c++": ["g++", "-std=gnu++20"]}

@@ -2,9 +2,12 @@
 
 from amaranth.hdl import Assert, Cover, Module, Signal
 
-from splatcore.hdl.registers import WORD_BITS
+from splatcore.hdl.registers import WORD_BITS, Registers
 from splatcore.spec.axi import OKAY
+from splatcore.spec.config import TINY
 from tb.formal.axi_rules import Around, channel, kept, outstanding, passes, within
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
 
 ROOM = 2  # requests inside, per channel: one being executed, one whose response is not yet taken
 LATENCY = 1  # cycles without a response, with a request inside
@@ -71,3 +74,22 @@ class Answers(Around):
             Assert(~done | ~answered),
             Assert(~port.bvalid | ((port.bresp == OKAY) == taken)),
         ]
+
+
+FAULTS = planted_in(
+    Registers,
+    _take={
+        "an answer is overwritten": ("addressed & given & ~s_axi.bvalid", "addressed & given"),
+        "an answer is withdrawn": ("m.Elif(s_axi.bready)", "m.Else()"),
+        "an answer to an address alone": ("addressed & given & ~s", "addressed & ~s"),
+        "data waits for its address": ("wready.eq(~given)", "wready.eq(~given & addressed)"),
+        "a second address is lost": ("awready.eq(~addressed)", "awready.eq(1)"),
+        "strobes are not looked at": ("& self.whole & writable", "& writable"),
+    },
+    _read={
+        "a read is answered twice": ("[asked.eq(0), s_axi.rvalid", "[s_axi.rvalid"),
+        "data of an answer change": ("m.If(asked & ~s_axi.rvalid)", "m.If(asked)"),
+    },
+)
+
+PROOF = Proof({"registers": Part(lambda: Answers(Registers(TINY)), cover=8)}, FAULTS)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from amaranth.hdl import Assert, Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Assert, Assume, Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
@@ -18,10 +18,11 @@ class Around(wiring.Component):
     Members
         part: all ports of the part
         inner: the part itself
+    ports: further inputs
     """
 
-    def __init__(self, part: wiring.Component):
-        super().__init__({"part": Out(part.signature)})
+    def __init__(self, part: wiring.Component, **ports: wiring.Member):
+        super().__init__({"part": Out(part.signature)} | ports)
         self.inner = part
 
     def placed(self) -> Module:
@@ -63,6 +64,14 @@ def outstanding(m: Module, comes: Value, goes: Value) -> Signal:
     count = Signal(range(COUNT_MAX + 1))
     m.d.sync += count.eq(count + comes - goes)
     return count
+
+
+def constant(m: Module, value: Value, changes: Value | int = 0) -> None:
+    """Assume that a value stays, unless it may change in this cycle."""
+    value = Value.cast(value)
+    before, begun = Signal(len(value)), Signal()
+    m.d.sync += [before.eq(value), begun.eq(1)]
+    m.d.comb += Assume(~begun | changes | (value == before))
 
 
 def within(m: Module, waits: Value, cycles: int) -> None:

@@ -9,13 +9,14 @@ from dataclasses import replace
 from unittest.mock import patch
 
 from amaranth.hdl import Array, Assert, Cat, Cover, Module, Mux, Signal, Value
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
 from splatcore.hdl.lib.stream import Queue, passes
 from splatcore.hdl.sorting.cascade import Pair
 from splatcore.spec.config import TINY
-from tb.formal.axi_rules import kept, within
+from tb.formal.axi_rules import Around, kept, within
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
 
 MERGES = {"1": (1, False), "2": (2, False), "4": (4, False), "2 in memory": (2, True)}
 """Entries per merged run, and whether runs wait in memories, as runs of 8 entries and more do."""
@@ -60,7 +61,7 @@ def pair(size: int, memory: bool) -> Pair:
         return Pair(SMALL, size)
 
 
-class Merged(wiring.Component):
+class Merged(Around):
     """A merge, and one pair of runs whose entries are recorded.
 
     Asserts:
@@ -77,10 +78,9 @@ class Merged(wiring.Component):
     """
 
     def __init__(self, part: Pair):
-        self.part, self.size = part, part.size
+        super().__init__(part, pick=In(1))
+        self.size, entry = part.size, part.i.payload.shape()
         self.latency = 1 if part.runs[0].memory else 0
-        entry = part.i.payload.shape()
-        super().__init__({"entry": In(entry)} | dict.fromkeys(("valid", "ready", "pick"), In(1)))
         counts = range(part.size + 1)
         self.followed, self.alone = Signal(), Signal()  # a pair is followed; it has no second run
         self.pairs = Signal(4)  # pairs ahead of it
@@ -95,13 +95,7 @@ class Merged(wiring.Component):
         ]
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.part
-        m.d.comb += [
-            part.i.valid.eq(self.valid),
-            part.i.payload.eq(self.entry),
-            part.o.ready.eq(self.ready),
-        ]
+        m = self.placed()
         self._follow(m)
         self._check(m)
         self._why(m)
@@ -110,7 +104,7 @@ class Merged(wiring.Component):
 
     def _follow(self, m: Module):
         """Record the pair's entries as they come in, and count them as they leave."""
-        part, last = self.part, self.entry.last
+        part, last = self.inner, self.inner.i.payload.last
         put = passes(part.i)
         picked = put & ~part.turn & (part.count == 0) & self.pick & ~self.followed
         first = picked | (put & self.followed & ~self.whole[0])
@@ -134,12 +128,12 @@ class Merged(wiring.Component):
                 m.d.sync += [self.ahead[k].eq(part.runs[k].level - pop), self.left[k].eq(0)]
             for j, entry in enumerate(self.entries[k]):
                 with m.If(comes & (came == j)):
-                    m.d.sync += entry.eq(self.entry)
+                    m.d.sync += entry.eq(part.i.payload)
         with m.If(first):
             m.d.sync += self.alone.eq(last)
 
     def _check(self, m: Module):
-        part, o, size = self.part, self.part.o, self.size
+        part, o, size = self.inner, self.inner.o, self.size
         key, index = len(o.payload.key), len(o.payload.index) - 1
         chosen, front = o.payload.index[index], self.followed & (self.pairs == 0)
         mine, ends = o.valid & front, []
@@ -172,7 +166,7 @@ class Merged(wiring.Component):
 
     def _why(self, m: Module):
         """Every run inside belongs to a pair, and every pair to an item of the queue `alone`."""
-        part, alone = self.part, self.part.alone
+        part, alone = self.inner, self.inner.alone
         lasts = [
             sum((k < q.level) & item.last for k, item in enumerate(q.items)) for q in part.runs
         ]
@@ -200,7 +194,7 @@ class Merged(wiring.Component):
 
     def _why_followed(self, m: Module):
         """Places of the followed pair's entries."""
-        part, alone, followed = self.part, self.part.alone, self.followed
+        part, alone, followed = self.inner, self.inner.alone, self.followed
         came, whole, left, ahead = self.came, self.whole, self.left, self.ahead
         coming = followed & (~whole[0] | (~self.alone & ~whole[1]))
         turn, none = whole[0] & ~self.alone, self.pairs == 0
@@ -244,3 +238,35 @@ class Merged(wiring.Component):
         last = Array(entry.last for entry in self.entries[1])[came[1] - 1]
         gone = followed & none & part.over[1]
         m.d.comb += Assert(~gone | (part.last == last))
+
+
+FAULTS = planted_in(
+    Pair,
+    _merge={
+        "a later entry wins a tie": ("entry.key < first", "entry.key <= first"),
+        "a run alone waits": ("& ~pair.payload", ""),
+        "a pair is not over": ("second.payload.last & ~left[0]", "second.payload.last"),
+        "a batch's end is lost": ("pair.payload | Mux(", "Mux("),
+        "the second run's index": ("entry.index, chosen", "entry.index, 0"),
+        "the second run's end is forgotten": ("eq(second.payload.entry.last)", "eq(0)"),
+        "a head that has not come": ("(~left[1] | second.valid)", "1"),
+    },
+    _push={
+        "a run too long": ("self.size - 1", "self.size"),
+        "the next batch's runs are paired": ("~turn & ~i.payload.last", "~turn"),
+        "a run for the other queue": ("Mux(turn, self", "Mux(~turn, self"),
+    },
+)
+
+DEPTH = 10  # cycles within which two full runs can be merged, and every fault shows
+
+
+def part(merge: str, **about) -> Part:
+    return Part(lambda: Merged(pair(*MERGES[merge])), **about)
+
+
+PROOF = Proof(
+    {merge: part(merge, cover=DEPTH if merge == "2" else None) for merge in MERGES},
+    FAULTS,
+    {"": part("2", search=DEPTH)},
+)

@@ -9,9 +9,10 @@ from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.memory.fetch import Fetch
 from splatcore.spec.config import TINY
-from tb.formal.axi_rules import within
+from tb.formal.axi_rules import Around, within
+from tb.formal.proof import side_by_side
 from tb.formal.stream import WIDTH, Followed, WatchedQueue, in_rows
-from tb.helpers.parts import forward
+from tb.planted.fault import planted_in
 
 
 class Given(wiring.Component):
@@ -97,7 +98,7 @@ def credited(depth: int, latency: int, memory: bool = False) -> Followed:
 
 def in_credited(proof: Followed, m: Module, picked: Value) -> None:
     """Why: every item inside is in a stage or in the queue, the followed one too."""
-    part, queue = proof.part, proof.part.queue
+    part, queue = proof.inner, proof.inner.queue
     stages = Signal(part.valid.shape())  # one-hot: stage of the followed item
     m.d.sync += stages.eq(Cat(picked, stages))
     content = in_rows(m, queue, proof.ahead)
@@ -122,7 +123,7 @@ def in_credited(proof: Followed, m: Module, picked: Value) -> None:
         m.d.comb += Assert((proof.idle != k) | come)
 
 
-class Fetching(wiring.Component):
+class Fetching(Around):
     """A reader of ranges before a memory with any response time.
 
     Asserts:
@@ -138,13 +139,10 @@ class Fetching(wiring.Component):
     DEPTH, BURST, COUNT_BITS = 8, 4, 4  # beats in the queue, per burst; bits of a range's length
 
     def __init__(self):
-        self.inner = Fetch(TINY, self.DEPTH, self.COUNT_BITS, self.BURST)
-        super().__init__({"part": Out(self.inner.signature)})
+        super().__init__(Fetch(TINY, self.DEPTH, self.COUNT_BITS, self.BURST))
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.inner
-        forward(m, self.part, part)
+        m, part = self.placed(), self.inner
         i, reads, data, used = part.i, part.reads, part.data, part.used
         asked = Mux(passes(reads), reads.payload.length + 1, 0)
         coming = Signal(range(2 * self.DEPTH))  # beats requested that have not come
@@ -164,3 +162,59 @@ class Fetching(wiring.Component):
         waits = part.sized & ~reads.valid
         m.d.comb += [Cover(waits & (coming == 0)), Cover(waits & (coming == self.DEPTH))]
         return m
+
+
+def given(most: int, step: int = 1) -> Given:
+    return Given(Credit(most, "units taken", step=step))
+
+
+PARTS = {
+    "one": lambda: given(1),
+    "two": lambda: given(2),
+    "five": lambda: given(5),  # not a power of two
+    "several": lambda: given(8, step=4),
+    "queue": lambda: credited(2, latency=1),
+    "short": lambda: credited(3, latency=5),  # the datapath is never full
+    "memory": lambda: credited(5, latency=2, memory=True),
+    "fetch": Fetching,
+}
+
+NEXT = "count.eq(then)"
+ENTERS, LEAVES = "comes.eq(passes(self.i))", "goes.eq(passes(self.o))"
+
+OF_CREDIT = {
+    "five": {
+        "one too many": ("count != self.most", "count <= self.most"),
+        "one too few": ("count != self.most", "count < self.most - 1"),
+        "both at once is one more": (NEXT, "count.eq(count + (comes | -goes))"),
+    },
+    "two": {"empty too early": ("count.any()", "count[1:].any()")},
+    "one": {"returned units are not counted": (NEXT, "count.eq(count + comes)")},
+    "several": {"one of several is counted": (NEXT, "count.eq(count + comes.any() - goes)")},
+}
+OF_CREDITED = {
+    "queue": {"it enters without room": ("eq(credit.room)", "eq(1)")},
+    "memory": {"not counted while in flight": (ENTERS, "comes.eq(queue.i.valid)")},
+    "short": {
+        "given back before it leaves": (LEAVES, "goes.eq(queue.i.valid)"),
+        "never given back": (LEAVES, "goes.eq(0)"),
+    },
+}
+OF_FETCH = {
+    "fetch": {
+        "a whole burst in one place": ("used.count + beats <= self.depth", "used.room"),
+        "a burst counts for one": ("Mux(asked, beats, 0)", "asked"),
+        "room before a beat leaves": (LEAVES, "goes.eq(queue.i.valid)"),
+        "no room for a whole burst": ("+ beats <= self.depth", "+ beats < self.burst"),
+    },
+}
+
+PROOF = side_by_side(
+    PARTS,
+    {
+        name: planted_in(kind, elaborate=texts)
+        for kind, table in ((Credit, OF_CREDIT), (Credited, OF_CREDITED), (Fetch, OF_FETCH))
+        for name, texts in table.items()
+    },
+    cover=20,  # cycles within which each part can be full, and empty again
+)

@@ -6,19 +6,18 @@ error bit of its half, or ABORT.
 
 from amaranth.hdl import Assert, Assume, Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
-from amaranth.lib.wiring import Out
 
 from splatcore.hdl.frame import Frame
 from splatcore.hdl.lib.record import frame_layout
 from splatcore.hdl.memory.axi import HALVES
 from splatcore.hdl.memory.window import area_windows
-from splatcore.hdl.raster.render import READING, WRITING
+from splatcore.hdl.raster.job import READING, WRITING
 from splatcore.spec.axi import BEAT_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.config import TINY, Config
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.registers import FRAME_BITS, ErrorCode
-from tb.helpers.parts import forward
-from tb.helpers.ports import wide_addresses
+from tb.formal.axi_rules import Around
+from tb.helpers.configs import wide_addresses
 
 QUIET = 4  # consecutive cycles for which a failing half is idle on the bus before it is reset
 
@@ -31,7 +30,7 @@ WINDOWS = area_windows(WIDE, READING, WRITING)
 """Areas of the second half that have an address window."""
 
 
-class Controlled(wiring.Component):
+class Controlled(Around):
     """Frame control, and for each half whether its frame is alive.
 
     Asserts: see the methods.
@@ -52,17 +51,14 @@ class Controlled(wiring.Component):
     """
 
     def __init__(self, config: Config = TINY, **ports: wiring.Member):
-        self.inner = Frame(config)
-        super().__init__({"part": Out(self.inner.signature)} | ports)
+        super().__init__(Frame(config), **ports)
         count = len(HALVES)
         self.alive, self.busy, self.faults = Signal(count), Signal(count), Signal(count)
         self.given_up, self.aborted = Signal(count), Signal(count)
         self.taken, self.free, self.completed = Signal(), Signal(), Signal()
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.inner
-        forward(m, self.part, part)
+        m, part = self.placed(), self.inner
         self._faults(m)
         m.d.comb += self.taken.eq(part.start & part.ready)
         m.d.comb += self.free.eq(~part.working[RENDERING] & ~part.failing[RENDERING])

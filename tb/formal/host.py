@@ -16,6 +16,8 @@ from splatcore.spec import registers as spec
 from splatcore.spec.binning import PAGE_BITS
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import CODE_BITS, ErrorCode
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
 
 
 class Driven(wiring.Component):
@@ -140,3 +142,54 @@ class Driven(wiring.Component):
         before = self._before(m, registers.frame)
         stays = self._before(m, frame.start | ~frame.ready)
         m.d.comb += Assert(~stays | (Value.cast(registers.frame) == before))
+
+
+DEPTH = 16  # cycles within which the host's writes can start two frames that end
+
+FAULTS = (
+    planted_in(
+        Registers,
+        _commands={
+            "START when not READY": ("eq(start & ready)", "eq(start)"),
+            "START with ABORT": ("registers.START).any() & ~abort", "1).any()"),
+            "a refused START is not reported": ("start & ~ready", "start & ready"),
+            "READY is not seen": ("registers.READY", "registers.RENDERING"),
+        },
+        _errors={
+            "not the first error": ("m.If(clears | (", "m.If(1 | ("),
+            "an event is lost while cleared": (
+                "event | (self.events[k] & ~cleared[k])",
+                "(event | self.events[k]) & ~cleared[k]",
+            ),
+            "a half is lost while cleared": (
+                "Mux(clears, 0, self.given_up) | self.gives_up",
+                "Mux(clears, 0, self.given_up | self.gives_up)",
+            ),
+            "a refused START is no interrupt": ("| start_refused", ""),
+        },
+        _take={"written while points are made": ("& ~(of_frame & self.locked)", "")},
+    )
+    | planted_in(
+        Top,
+        _host={
+            "locked by the other half": (
+                "frame.working[PREPROCESSING]",
+                "frame.working[1 - PREPROCESSING]",
+            ),
+            "FRAME by READY": ("eq(frame.frame_event)", "eq(frame.ready_event)"),
+            "a half by its reset": ("eq(frame.gives_up)", "eq(frame.reset)"),
+        },
+    )
+    | planted_in(
+        Frame,
+        elaborate={
+            "handed over with ABORT": (
+                "(faults[PREPROCESSING] | self.abort)",
+                "faults[PREPROCESSING]",
+            ),
+            "not counted": ("self.started + 1", "self.started"),
+        },
+    )
+)
+
+PROOF = Proof({"commands": Part(Driven, cover=DEPTH)}, FAULTS, {"": Part(Driven, search=DEPTH)})

@@ -9,13 +9,12 @@ from dataclasses import replace
 from unittest.mock import patch
 
 from amaranth.hdl import Array, Assert, Assume, Cat, Cover, Module, Mux, Signal, Value
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.binning.list_writer import ListWriter, State
 from splatcore.spec.config import TINY, Config
-from tb.formal.axi_rules import kept, within
+from tb.formal.axi_rules import Around, constant, kept, within
 from tb.formal.list_writer_why import why
 
 GROUPS = 3  # not a power of two; 2 with planted faults
@@ -97,7 +96,7 @@ class Watched(ListWriter):
         return row, slots
 
 
-class Written(wiring.Component):
+class Written(Around):
     """A list writer, a frame's lists as defined, and one slot in memory.
 
     By definition a group's entries take the slots of its page one after the other. When only the
@@ -119,13 +118,11 @@ class Written(wiring.Component):
     """
 
     def __init__(self, part: Watched):
-        self.part, self.page_bits = part, part.page_bits
-        self.burst_bits = exact_log2(part.burst)
-        bits = dict.fromkeys(("valid", "ready", "take", "finish"), In(1))
-        numbers = {"groups_count": In(range(part.count + 1)), "group": In(range(part.count))}
-        pages = dict.fromkeys(("pages", "page"), In(part.page_bits))
-        words = {"entry": In(len(Value.cast(part.held.entry))), "noise": In(part.row.size)}
-        super().__init__(bits | numbers | pages | words | {"slot": In(part.position_bits)})
+        word = len(Value.cast(part.held.entry))
+        super().__init__(
+            part, page=In(part.page_bits), slot=In(part.position_bits), noise=In(part.row.size)
+        )
+        self.page_bits, self.burst_bits = part.page_bits, exact_log2(part.burst)
         # By definition: the table's row per group; pages taken, up to one more than can be
         # numbered.
         self.lists = [Signal(part.row, name=f"list{g}") for g in range(part.count)]
@@ -135,59 +132,44 @@ class Written(wiring.Component):
         # The followed slot: it has a value; from the latest entry; its burst was written; the value
         # and its group.
         self.seen, self.latest, self.written = Signal(), Signal(), Signal()
-        self.value, self.owner = Signal(words["entry"].shape), Signal(range(part.count))
+        self.value, self.owner = Signal(word), Signal(range(part.count))
         self.given = Signal(range(part.count + 1))  # groups that have left
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.part
-        m.d.comb += [
-            part.i.valid.eq(self.valid),
-            part.i.payload.group.eq(self.group),
-            part.i.payload.entry.eq(self.entry),
-            part.bursts.ready.eq(self.ready),
-            part.groups.ready.eq(self.take),
-            part.finish.eq(self.finish),
-            part.groups_count.eq(self.groups_count),
-            part.pages.eq(self.pages),
-            part.noise.eq(self.noise),
-        ]
+        m, part = self.placed(), self.inner
+        m.d.comb += part.noise.eq(self.noise)
         self._assume(m)
         self._lay_out(m)
         self._check_bursts(m)
         self._check_groups(m)
         why(self, m)
         for reset in (self.seen, self.written, self.given, self.taken, *self.lists):
-            with m.If(part.done & ~self.finish):
+            with m.If(part.done & ~part.finish):
                 m.d.sync += reset.eq(0)
         return m
 
     def _assume(self, m: Module):
-        part = self.part
-        frame, slot = Cat(self.groups_count, self.pages), Cat(self.page, self.slot)
-        same, begun, between = Signal(len(frame)), Signal(), Signal()
-        same_slot = Signal(len(slot))
-        m.d.sync += [same.eq(frame), same_slot.eq(slot), begun.eq(1)]
-        m.d.sync += between.eq(part.done & ~self.finish)
+        part, between = self.inner, Signal()
+        m.d.sync += between.eq(part.done & ~part.finish)
+        constant(m, Cat(self.page, self.slot))
+        constant(m, Cat(part.groups_count, part.pages), between)
         m.d.comb += [
-            Assume(~begun | (slot == same_slot)),
-            Assume(~begun | between | (frame == same)),
-            Assume((self.groups_count != 0) & (self.groups_count <= part.count)),
-            Assume(~self.valid | (self.group < self.groups_count)),
-            Assume(self.page < self.pages),
+            Assume((part.groups_count != 0) & (part.groups_count <= part.count)),
+            Assume(~part.i.valid | (part.i.payload.group < part.groups_count)),
+            Assume(self.page < part.pages),
         ]
 
     def _lay_out(self, m: Module):
         """Give each entry its slot, by definition."""
-        part, most = self.part, (1 << self.page_bits) - 1
+        part, most = self.inner, (1 << self.page_bits) - 1
         put, row, new = part.i.valid & part.i.ready, Signal(part.row), Signal(part.row)
         number, fresh = Mux(self.taken > most, most, self.taken), row.count == 0
         turn, link = fresh | row.position.all(), ~fresh & row.position.all()
         fills, links = Signal(), Signal()
         m.d.comb += [
-            row.eq(Array(Value.cast(one) for one in self.lists)[self.group]),
+            row.eq(Array(Value.cast(one) for one in self.lists)[part.i.payload.group]),
             new.page.eq(Mux(turn, number, row.page)),
-            new.inside.eq(new.page < self.pages),
+            new.inside.eq(new.page < part.pages),
             new.position.eq(Mux(turn, 1, row.position + 1)),
             new.first.eq(Mux(fresh, number, row.first)),
             new.count.eq(row.count + 1),
@@ -201,47 +183,47 @@ class Written(wiring.Component):
             m.d.sync += self.taken.eq(self.taken + (turn & (self.taken <= most)))
             m.d.sync += self.latest.eq(fills | links)
             with m.If(fills | links):
-                m.d.sync += [self.seen.eq(1), self.owner.eq(self.group)]
-                m.d.sync += self.value.eq(Mux(links, number, self.entry))
+                m.d.sync += [self.seen.eq(1), self.owner.eq(part.i.payload.group)]
+                m.d.sync += self.value.eq(Mux(links, number, part.i.payload.entry))
         for g, one in enumerate(self.lists):
-            with m.If(put & (self.group == g)):
+            with m.If(put & (part.i.payload.group == g)):
                 m.d.sync += one.eq(new)
 
     def _check_bursts(self, m: Module):
-        part, bursts = self.part, self.part.bursts
+        part, bursts = self.inner, self.inner.bursts
         place = Cat(self.slot[self.burst_bits :], self.page)
         page = bursts.payload.address[len(place) - self.page_bits :]
         hit = bursts.valid & (bursts.payload.address == place)
         slots = Array(bursts.payload.slots[k] for k in range(part.burst))
         m.d.comb += [
-            Assert(~bursts.valid | (page < self.pages)),
+            Assert(~bursts.valid | (page < part.pages)),
             Assert(~hit | ~self.written),
             Assert(~hit | (slots[self.slot[: self.burst_bits]] == Mux(self.seen, self.value, 0))),
             Assert(~part.done | ~self.seen | self.written),
-            Assert(~part.taking | ~self.ready | part.i.ready),
+            Assert(~part.taking | ~part.bursts.ready | part.i.ready),
         ]
-        with m.If(hit & self.ready):
+        with m.If(hit & part.bursts.ready):
             m.d.sync += self.written.eq(1)
         kept(m, bursts.valid, bursts.ready, bursts.payload)
 
     def _check_groups(self, m: Module):
-        part, groups, most = self.part, self.part.groups, (1 << self.page_bits) - 1
+        part, groups, most = self.inner, self.inner.groups, (1 << self.page_bits) - 1
         row, passes = Signal(part.row), groups.valid & groups.ready
         held = part.full & part.taking  # the latest entry is still being handled
         m.d.sync += self.given.eq(self.given + passes)
         m.d.comb += [
             row.eq(Array(Value.cast(one) for one in self.lists)[self.given]),
-            Assert(~groups.valid | (self.given < self.groups_count)),
+            Assert(~groups.valid | (self.given < part.groups_count)),
             Assert(~groups.valid | (groups.payload.count == row.count)),
             Assert(~groups.valid | (groups.payload.page == row.first)),
-            Assert(~part.done | (self.given == self.groups_count)),
+            Assert(~part.done | (self.given == part.groups_count)),
             Assert(held | (part.needed == Mux(self.taken > most, most, self.taken))),
-            Assert(held | (part.exceeded == (self.taken > self.pages))),
+            Assert(held | (part.exceeded == (self.taken > part.pages))),
             Assert(~part.done | ~part.full),
         ]
         kept(m, groups.valid, groups.ready, groups.payload)
         flushing = part.state == State.FLUSH
-        within(m, flushing & self.ready & self.take & ~passes, 2)
+        within(m, flushing & part.bursts.ready & groups.ready & ~passes, 2)
         full = self.written & self.slot.all()  # the followed slot is a link
-        m.d.comb += Cover(part.done & full & (self.groups_count == part.count) & part.exceeded)
-        m.d.comb += Cover(part.done & full & ~part.exceeded & (part.needed == self.pages))
+        m.d.comb += Cover(part.done & full & (part.groups_count == part.count) & part.exceeded)
+        m.d.comb += Cover(part.done & full & ~part.exceeded & (part.needed == part.pages))

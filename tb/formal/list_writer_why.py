@@ -15,7 +15,7 @@ def why(proof, m: Module) -> None:
 
 def _in_table(proof, m: Module) -> list[Signal]:
     """Check the table and return its rows: lists without the held entry, or 0 once flushed."""
-    part, rows = proof.part, []
+    part, rows = proof.inner, []
     clearing, taking = part.state == State.CLEAR, part.state == State.TAKE
     flushing, done = part.state == State.FLUSH, part.state == State.DONE
     through = _asked(proof) - part.full  # groups that are flushed
@@ -29,19 +29,19 @@ def _in_table(proof, m: Module) -> list[Signal]:
         m.d.comb += Assert((one.count == 0) == (one.position == 0))
         m.d.comb += Assert((one.count != 0) | (Value.cast(one) == 0))
         m.d.comb += Assert((one.count == 0) | (one.page < proof.taken))
-        m.d.comb += Assert((one.count == 0) | (one.inside == (one.page < proof.pages)))
-        m.d.comb += Assert((one.count == 0) | (g < proof.groups_count))
+        m.d.comb += Assert((one.count == 0) | (one.inside == (one.page < part.pages)))
+        m.d.comb += Assert((one.count == 0) | (g < part.groups_count))
         rows.append(row)
     return rows
 
 
 def _asked(proof) -> Value:
     """Return the number of groups whose flush was requested."""
-    return Mux(proof.part.flushed, proof.groups_count, proof.part.group)
+    return Mux(proof.inner.flushed, proof.inner.groups_count, proof.inner.group)
 
 
 def _phases(proof, m: Module):
-    part = proof.part
+    part = proof.inner
     clearing, taking = part.state == State.CLEAR, part.state == State.TAKE
     flushing, done = part.state == State.FLUSH, part.state == State.DONE
     lists = Cat(Value.cast(one) for one in proof.lists)
@@ -51,8 +51,8 @@ def _phases(proof, m: Module):
         Assert(~clearing | (nothing & (part.group < part.count))),
         Assert(flushing | done | (proof.given == 0)),
         Assert(~taking | ((part.group == 0) & ~part.flushed)),
-        Assert(~flushing | (part.flushed | (part.group < proof.groups_count))),
-        Assert(~part.flushed | (part.group == proof.groups_count[: len(part.group)])),
+        Assert(~flushing | (part.flushed | (part.group < part.groups_count))),
+        Assert(~part.flushed | (part.group == part.groups_count[: len(part.group)])),
         Assert(~flushing | (proof.given == asked - part.full + part.had_group)),
         Assert(~flushing | ~part.full | (part.held.group + 1 == asked)),
         Assert(~flushing | ~part.flushed | part.full),
@@ -64,7 +64,7 @@ def _phases(proof, m: Module):
 
 def _held(proof, m: Module, rows: list[Signal]):
     """The held entry: its group's row and slots equal those in memory."""
-    part, before = proof.part, proof.row_before
+    part, before = proof.inner, proof.row_before
     most, group = (1 << proof.page_bits) - 1, part.held.group
     full = part.full & (part.state == State.TAKE)
     turn = (before.count == 0) | before.position.all()
@@ -73,13 +73,13 @@ def _held(proof, m: Module, rows: list[Signal]):
     m.d.comb += now.eq(Array(Value.cast(one) for one in proof.lists)[group])
     further = proof.taken_before + (turn & (proof.taken_before <= most))
     m.d.comb += [
-        Assert(~part.full | (group < proof.groups_count)),
+        Assert(~part.full | (group < part.groups_count)),
         Assert(~full | (part.needed == number)),
-        Assert(~full | (part.exceeded == (proof.taken_before > proof.pages))),
+        Assert(~full | (part.exceeded == (proof.taken_before > part.pages))),
         Assert(~full | (proof.taken == further)),
         Assert(proof.taken <= most + 1),
         Assert(~full | (now.page == Mux(turn, number, before.page))),
-        Assert(~full | (now.inside == (now.page < proof.pages))),
+        Assert(~full | (now.inside == (now.page < part.pages))),
         Assert(~full | (now.position == Mux(turn, 1, before.position + 1))),
         Assert(~full | (now.first == Mux(before.count == 0, number, before.first))),
         Assert(~full | (now.count == before.count + 1)),
@@ -87,7 +87,7 @@ def _held(proof, m: Module, rows: list[Signal]):
         Assert(~full | ((before.count == 0) == (before.position == 0))),
         Assert(~full | (before.count != 0) | (Value.cast(before) == 0)),
         Assert(~full | (before.count == 0) | (before.page < proof.taken_before)),
-        Assert(~full | (before.count == 0) | (before.inside == (before.page < proof.pages))),
+        Assert(~full | (before.count == 0) | (before.inside == (before.page < part.pages))),
     ]
     row = part.found_row
     m.d.comb += Assert(~part.full | ~part.clash | part.same)
@@ -97,12 +97,12 @@ def _held(proof, m: Module, rows: list[Signal]):
     flushing = part.full & (part.state == State.FLUSH)
     had = flushing & part.had_burst
     offset = row.position[: proof.burst_bits]
-    m.d.comb += Assert(~had | ((offset != 0) & (row.page < proof.pages)))
+    m.d.comb += Assert(~had | ((offset != 0) & (row.page < part.pages)))
 
 
 def _slot(proof, m: Module, rows: list[Signal]):
     """The followed slot: its value is in memory, in a buffer, or about to enter one."""
-    part, before, bits = proof.part, proof.row_before, proof.burst_bits
+    part, before, bits = proof.inner, proof.row_before, proof.burst_bits
     seen, written, slot = proof.seen, proof.written, proof.slot
     full = part.full & (part.state == State.TAKE)
     flushing = part.full & (part.state == State.FLUSH)

@@ -11,6 +11,9 @@ from amaranth.lib.wiring import In
 
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.spec.config import TINY
+from tb.formal.axi_rules import constant
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
 
 SMALL = replace(TINY, sub_sorter_entries=4, merge_ways=2)
 
@@ -82,10 +85,7 @@ class Merged(wiring.Component):
 
     def _runs(self, m: Module):
         """Return each run's keys and indices by rank, and the rank of its last entry."""
-        everything = Cat(self.keys, self.indices, self.lengths)
-        before, begun = Signal(len(everything)), Signal()
-        m.d.sync += [before.eq(everything), begun.eq(1)]
-        m.d.comb += Assume(~begun | (everything == before))
+        constant(m, Cat(self.keys, self.indices, self.lengths))
         keys, indices = [], []
         for k in range(WAYS):
             places = range(k * ENTRIES, (k + 1) * ENTRIES)
@@ -119,3 +119,35 @@ class Merged(wiring.Component):
             m.d.sync += whole.eq(1)
         m.d.comb += Cover(part.o.valid & tie & full & ((left & ~ends) == 0))
         m.d.comb += Cover(part.o.valid & whole)
+
+
+DEPTH = 14  # cycles; takes half a minute, two more cycles take more than twice as long
+COVER_DEPTH = 20  # cycles within which two full runs can be merged, or a merge can follow another
+
+FAULTS = planted_in(
+    Merge,
+    _compare={
+        "not stable": ("< Cat(first.key, first.gone)", "<= Cat(first.key, first.gone)"),
+        "a run at its end stays": ("leaf.gone.eq(~self.live[way])", "leaf.gone.eq(0)"),
+    },
+    _fetch={
+        "read before it is written": ("pointer != self.written[way]", "1"),
+        "an entry is overwritten": ("~fetching & ~self.waits & left", "~fetching & left"),
+        "nothing is read": ("asked.eq(first)", "asked.eq(0)"),
+    },
+    _advance={"the one behind is forgotten": ("Mux(waits, behind, self.found)", "self.found")},
+    elaborate={
+        "given without room": ("second & self.room", "second"),
+        "given without a head": ("(~self.live | self.present).all()", "1"),
+        "a stop leaves heads": ("(self.live, self.present, ", "(self.live, "),
+    },
+)
+
+PROOF = Proof(
+    {
+        "short": Part(Merged, search=DEPTH - 2, cover=COVER_DEPTH),
+        "long": Part(Merged, search=DEPTH, verify=True),
+    },
+    FAULTS,
+    {"": Part(Merged, search=DEPTH)},
+)

@@ -15,7 +15,10 @@ from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.sorting.sorter import HALVES, Sorter
 from splatcore.spec.config import Config
 from splatcore.spec.sort import batch_record, ranked_record
+from tb.formal.axi_rules import Around
 from tb.formal.cascade import SMALL, Seen
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
 
 LEVEL_BITS = 4  # of batch counters; no part holds that many
 
@@ -62,7 +65,7 @@ def sorter() -> Sorter:
         return Sorter(SMALL)
 
 
-class Released(wiring.Component):
+class Released(Around):
     """A sorter, and one batch, freely chosen.
 
     Asserts:
@@ -76,22 +79,15 @@ class Released(wiring.Component):
     """
 
     def __init__(self, part: Sorter):
-        self.part, to = part, part.i.payload.to.shape()
-        bits = ("valid", "last", "ready", "pick", "takes", "gives", "ends")
-        super().__init__(dict.fromkeys(bits, In(1)) | {"to": In(to), "release": In(HALVES)})
+        super().__init__(part, **dict.fromkeys(("pick", "takes", "gives", "ends"), In(1)))
+        to = part.i.payload.to.shape()
         self.followed, self.dropped = Signal(), Signal()
         self.target, self.ahead = Signal(to), Signal(LEVEL_BITS)  # batches ahead, dropped or not
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.sorter = part = self.part
+        m, part = self.placed(), self.inner
         inner, followed, o = part.part, self.followed, part.o
         m.d.comb += [
-            part.i.valid.eq(self.valid),
-            part.i.payload.entry.last.eq(self.last),
-            part.i.payload.to.eq(self.to),
-            part.release.eq(self.release),
-            o.ready.eq(self.ready),
             inner.takes.eq(self.takes),
             inner.gives.eq(self.gives),
             inner.ends.eq(self.ends),
@@ -100,16 +96,16 @@ class Released(wiring.Component):
         picked = passes(part.i) & inner.begins & self.pick & ~followed
         m.d.comb += mine.eq(inner.o.valid & followed & (self.ahead == 0))
         with m.If(picked):
-            m.d.sync += [followed.eq(1), self.dropped.eq(0), self.target.eq(self.to)]
+            m.d.sync += [followed.eq(1), self.dropped.eq(0), self.target.eq(part.i.payload.to)]
             m.d.sync += self.ahead.eq(inner.inside - goes)
         with m.Elif(followed):
             m.d.sync += [followed.eq(~(mine & goes)), self.ahead.eq(self.ahead - (goes & ~mine))]
-            released = self.release.bit_select(self.target.half, 1)
+            released = part.release.bit_select(self.target.half, 1)
             m.d.sync += self.dropped.eq(self.dropped | released)
         target = Value.cast(self.target)
         m.d.comb += [
             Assert(~mine | (o.valid == ~self.dropped)),
-            Assert(~mine | (inner.o.ready == (self.ready | self.dropped))),
+            Assert(~mine | (inner.o.ready == (part.o.ready | self.dropped))),
             Assert(~mine | (Value.cast(o.payload.to) == target)),
             Assert(~mine | (o.payload.entry.last == inner.o.payload.last)),
             Assert(~o.valid | inner.o.valid),
@@ -124,7 +120,7 @@ class Released(wiring.Component):
 
     def _why(self, m: Module):
         """Each batch inside has its target in the queue; a half's oldest batches are dropped."""
-        part, targets = self.part, self.part.targets
+        part, targets = self.inner, self.inner.targets
         m.d.comb += Assert(targets.level == part.part.inside)
         for half in range(HALVES):
             counted = [item.half == half for item in targets.items]
@@ -139,3 +135,29 @@ class Released(wiring.Component):
         m.d.comb += Assert(~self.followed | (found == Value.cast(self.target)))
         m.d.comb += Assert(part.begins == part.part.begins)
         m.d.comb += Assert(part.begins | (part.part.inside != 0))
+
+
+FAULTS = planted_in(
+    Sorter,
+    _batches={
+        "nothing is dropped": ("drops.eq(inside.count - inside.goes)", "drops.eq(0)"),
+        "all is dropped from then on": ("drops.eq(drops - 1)", "drops.eq(drops)"),
+        "a batch is dropped too few": ("inside.count - inside.goes)\n", "inside.count - 1)\n"),
+        "the batch that begins is dropped": (
+            "drops.eq(inside.count - inside.goes)",
+            "drops.eq(inside.count + inside.comes)",
+        ),
+        "the other half's is dropped": ("dropped[1], dropped[0]", "*dropped"),
+        "a batch goes to the first's": ("eq(i.payload.entry.last)", "eq(0)"),
+        "a dropped one waits": ("o.ready | stale", "o.ready"),
+        "a dropped one is offered": ("part.o.valid & ~stale", "part.o.valid"),
+    },
+)
+
+DEPTH = 10  # cycles within which batches can be dropped, and every fault shows
+
+PROOF = Proof(
+    {"releases": Part(lambda: Released(sorter()), cover=DEPTH)},
+    FAULTS,
+    {"": Part(lambda: Released(sorter()), search=DEPTH)},
+)

@@ -5,17 +5,22 @@ at its payload, so a few bits stand for any width.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from splatcore.hdl.lib.stream import Fork, Queue
+from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, Slot, Stage
+from tb.formal.axi_rules import Around
+from tb.formal.proof import side_by_side
+from tb.helpers.parts import Piped
+from tb.planted.fault import planted_in
 
 WIDTH = 3  # bits of the payload in proofs
 
 
-class Followed(wiring.Component):
+class Followed(Around):
     """A part with streams `i` and `o` that holds up to `capacity` items; one item is followed.
 
     Asserts:
@@ -29,8 +34,8 @@ class Followed(wiring.Component):
     """
 
     def __init__(self, part: wiring.Component, invariant: Callable, latency: int, capacity: int):
-        super().__init__({"payload": In(WIDTH), "valid": In(1), "ready": In(1), "pick": In(1)})
-        self.part, self.invariant, self.latency, self.capacity = part, invariant, latency, capacity
+        super().__init__(part, pick=In(1))
+        self.invariant, self.latency, self.capacity = invariant, latency, capacity
         self.inside = Signal(range(capacity + 2))  # items that went in and have not come out
         self.followed = Signal()  # an item inside is being followed:
         self.value = Signal(WIDTH)  # its payload,
@@ -38,9 +43,7 @@ class Followed(wiring.Component):
         self.idle = Signal(range(latency + 1))  # cycles since the last offer with an item inside
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        i, o = self.part.i, self.part.o
-        m.d.comb += [i.payload.eq(self.payload), i.valid.eq(self.valid), o.ready.eq(self.ready)]
+        m, i, o = self.placed(), self.inner.i, self.inner.o
         put, take, picked, leaves = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [put.eq(i.valid & i.ready), take.eq(o.valid & o.ready)]
         m.d.comb += picked.eq(put & self.pick & ~self.followed)
@@ -62,7 +65,6 @@ class Followed(wiring.Component):
             Cover(leaves & o.ready & (self.value == 1)),
         ]
         keeps_offers(m, o)
-        m.submodules.part = self.part
         self.invariant(self, m, picked)
         return m
 
@@ -80,7 +82,7 @@ def keeps_offers(m: Module, o, check=Assert) -> Signal:
 
 
 def in_register(proof: Followed, m: Module, picked: Value) -> None:
-    part = proof.part
+    part = proof.inner
     place = Mux(proof.ahead == 0, part.head, part.spare)
     m.d.comb += [
         Assert(proof.inside == part.o.valid + part.full),
@@ -91,7 +93,7 @@ def in_register(proof: Followed, m: Module, picked: Value) -> None:
 
 
 def in_slot(proof: Followed, m: Module, picked: Value) -> None:
-    part = proof.part
+    part = proof.inner
     m.d.comb += [
         Assert(proof.inside == part.o.valid),
         Assert(part.i.ready == ~part.o.valid),
@@ -100,7 +102,7 @@ def in_slot(proof: Followed, m: Module, picked: Value) -> None:
 
 
 def in_stage(proof: Followed, m: Module, picked: Value) -> None:
-    part = proof.part
+    part = proof.inner
     m.d.comb += [
         Assert(proof.inside == part.o.valid),
         Assert(part.i.ready == (~part.o.valid | part.o.ready)),
@@ -127,7 +129,7 @@ class WatchedQueue(Queue):
 
 
 def in_queue(proof: Followed, m: Module, picked: Value) -> None:
-    part = proof.part
+    part = proof.inner
     waits = proof.followed & ~(part.memory & part.o.valid & (proof.ahead == 0))
     content = in_rows(m, part, proof.ahead)
     m.d.comb += [
@@ -153,7 +155,7 @@ def in_rows(m: Module, part: WatchedQueue, ahead: Value) -> Value:
 
 
 def in_pipe(proof: Followed, m: Module, picked: Value) -> None:
-    part, pipe = proof.part, proof.part.pipe
+    part, pipe = proof.inner, proof.inner.pipe
     stages = Signal(pipe.valid.shape())  # one-hot: stage of the followed item
     with m.If(pipe.enable):
         m.d.sync += stages.eq(Cat(picked, stages))
@@ -170,25 +172,18 @@ def in_pipe(proof: Followed, m: Module, picked: Value) -> None:
         ]
 
 
-class Forked(wiring.Component):
+class Forked(Around):
     """A fork: each output offers each item once, whatever the others do, and keeps its offers.
 
     Assumes that the input side keeps its offers, too, as the fork requires.
     """
 
-    def __init__(self, part: Fork):
-        self.count = len(part.o)
-        super().__init__({"payload": In(WIDTH), "valid": In(1), "ready": In(self.count)})
-        self.part = part
-
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.part
-        m.d.comb += [part.i.payload.eq(self.payload), part.i.valid.eq(self.valid)]
-        had, taking = Signal(self.count), Signal(self.count)  # outputs that had it, take it
+        m, part = self.placed(), self.inner
+        had, taking = Signal(len(part.o)), Signal(len(part.o))  # outputs that had it, take it
         offered = keeps_offers(m, part.i, Assume)
         for k, o in enumerate(part.o):
-            m.d.comb += [o.ready.eq(self.ready[k]), taking[k].eq(o.valid & o.ready)]
+            m.d.comb += taking[k].eq(o.valid & o.ready)
             m.d.comb += Assert(o.valid == (part.i.valid & ~had[k]))
             m.d.comb += Assert(~o.valid | (o.payload == part.i.payload))
             keeps_offers(m, o)
@@ -198,3 +193,41 @@ class Forked(wiring.Component):
         m.d.comb += [Assert(part.taken == had), Assert(offered | (had == 0))]
         m.d.comb += Cover(passes & had.any())
         return m
+
+
+def queue(depth: int, memory: bool = False) -> Followed:
+    return Followed(WatchedQueue(depth, memory), in_queue, latency=1 + memory, capacity=depth)
+
+
+def pipe(latency: int) -> Followed:
+    return Followed(Piped(WIDTH, latency), in_pipe, latency, capacity=latency)
+
+
+PARTS = {
+    "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
+    "slot": lambda: Followed(Slot(WIDTH), in_slot, latency=1, capacity=1),
+    "stage": lambda: Followed(Stage(WIDTH), in_stage, latency=1, capacity=1),
+    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: not a power of two
+    **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
+    **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
+    "fork": lambda: Forked(Fork(WIDTH, 3)),
+}
+
+FAULTS = {
+    "register": (Register, "an item too many", "self.i.ready.eq(~self.full)", "self.i.ready.eq(1)"),
+    "slot": (Slot, "taken while full", "self.i.ready.eq(ready)", "self.i.ready.eq(1)"),
+    "stage": (Stage, "lost to the next", "~self.o.valid | self.o.ready", "1"),
+    "queue_5": (Queue, "full too late", "self.level != self.depth", "self.level <= self.depth"),
+    "memory_3": (Queue, "fetched from nowhere", "self.level != self.o.valid", "1"),
+    "pipe_4": (Pipe, "halts too late", "~self.o.valid | self.o.ready", "1"),
+    "fork": (Fork, "given twice", "self.i.valid & ~self.taken[k]", "self.i.valid"),
+}
+
+PROOF = side_by_side(
+    PARTS,
+    {
+        part: planted_in(kind, elaborate={fault: (old, new)})
+        for part, (kind, fault, old, new) in FAULTS.items()
+    },
+    cover=8,  # cycles in which an item can enter and leave each part
+)

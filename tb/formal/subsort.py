@@ -8,11 +8,12 @@ from dataclasses import replace
 from unittest.mock import patch
 
 from amaranth.hdl import Assert, Assume, Cat, Cover, Module, Mux, Signal, Value
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In
 
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.spec.config import TINY
+from tb.formal.axi_rules import Around
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
 
 SIZES = (4, 8)
 """Entries of the sub-sorters that are proven; faults are planted into the smaller one."""
@@ -30,7 +31,7 @@ def small(entries: int = SIZES[0]) -> SubSorter:
         return SubSorter(config)
 
 
-class Given(wiring.Component):
+class Given(Around):
     """A sub-sorter, and the set of entries that went in and have not been chosen.
 
     Asserts:
@@ -44,31 +45,21 @@ class Given(wiring.Component):
     """
 
     def __init__(self, part: SubSorter):
-        bits = dict.fromkeys(("last", "valid", "ready", "drop"), In(1))
-        super().__init__({"key": In(len(part.keys[0]))} | bits)
-        self.part = part
+        super().__init__(part)
         self.count = part.entries
         self.remaining = Signal(self.count)
 
     def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.part = part = self.part
+        m, part = self.placed(), self.inner
         i, o, remaining = part.i, part.o, self.remaining
-        m.d.comb += [
-            i.payload.key.eq(self.key),
-            i.payload.last.eq(self.last),
-            i.valid.eq(self.valid),
-            o.ready.eq(self.ready),
-            part.drop.eq(self.drop),
-            Assume(~(part.slot == self.count - 1) | self.last),  # no batch is too large
-        ]
+        m.d.comb += Assume((part.slot != self.count - 1) | i.payload.last)  # no batch is too large
         put, chosen = i.valid & i.ready, Signal(self.count)
         m.d.comb += chosen.eq(Mux(part.give, 1 << part.index, 0))
         entered = Mux(put, 1 << part.slot, 0)[: self.count]
-        m.d.sync += remaining.eq(Mux(self.drop, 0, (remaining | entered) & ~chosen))
+        m.d.sync += remaining.eq(Mux(part.drop, 0, (remaining | entered) & ~chosen))
         offered, index, last = Signal(), Signal.like(part.index), Signal()
         keys = Value.cast(Cat(part.keys))
-        m.d.sync += offered.eq(~self.drop & (part.give | (o.valid & ~o.ready)))
+        m.d.sync += offered.eq(~part.drop & (part.give | (o.valid & ~o.ready)))
         with m.If(part.give):
             m.d.sync += [index.eq(part.index), last.eq((remaining & ~chosen) == 0)]
         m.d.comb += [
@@ -82,7 +73,7 @@ class Given(wiring.Component):
             Cover(o.valid & o.ready & last & (index == 1)),
         ]
         for j, key in enumerate(part.keys):
-            mine = keys.word_select(part.index, len(self.key))
+            mine = keys.word_select(part.index, len(i.payload.key))
             larger = (mine < key) | ((mine == key) & (part.index <= j))
             m.d.comb += Assert(~part.give | ~remaining[j] | larger)
         self._why(m)
@@ -90,7 +81,7 @@ class Given(wiring.Component):
 
     def _why(self, m: Module):
         """Places of the remaining entries, in terms of the sub-sorter's registers."""
-        part = self.part
+        part = self.inner
         held = [Mux(full, entries, 0) for full, entries in zip(part.full, part.sets, strict=True)]
         seen = part.full[0] | part.full[1] | part.full[2]
         everything = held[0] | held[1] | held[2]
@@ -120,7 +111,7 @@ class Given(wiring.Component):
 
     def _half(self, m: Module, p: int):
         """Check a phase's result after its first cycle."""
-        part, entries = self.part, self.part.sets[p]
+        part, entries = self.inner, self.inner.sets[p]
         digits = part.phases[p][0]
         first = [
             Cat(key[low : low + width] for low, width in reversed(digits)) for key in part.keys
@@ -129,3 +120,22 @@ class Given(wiring.Component):
             smaller = Cat(entries[j] & (first[j] < first[k]) for j in range(self.count)).any()
             expected = entries[k] & ~(smaller if digits else 0)
             m.d.comb += Assert(~part.second | ~part.full[p] | (part.halves[p][k] == expected))
+
+
+FAULTS = planted_in(
+    SubSorter,
+    elaborate={
+        "a cluster is taken twice": ("~(leaving & takes", "~(0 & takes"),
+        "the next cluster comes too early": ("takes & ~rest", "takes"),
+        "the last entry is forgotten": ("rest, takes = ~self.single", "rest, takes = 0"),
+        "not the last one": ("self.single & ~any_of", "self.single | any_of"),
+        "an offer is overwritten": ("second & (~self.o.valid | self.o.ready)", "second"),
+        "a drop forgets the sets only": ("*self.full, second,", "second,"),
+    },
+    _clusters={
+        "a digit is not looked at": ("in digits:", "in digits[1:]:"),
+        "the first cycle is not kept": ("s = self.halves[p]", "s = self.sets[p]"),
+    },
+)
+
+PROOF = Proof({f"{n} entries": Part(lambda n=n: Given(small(n)), cover=20) for n in SIZES}, FAULTS)

@@ -9,6 +9,7 @@ import pytest
 
 from splatcore.golden import arithmetic
 from splatcore.spec.number import FP16, FP24, Fixed, Float
+from tb.helpers.exact_floats import exact, is_negative, nearest
 from tb.helpers.float_pairs import corners, every_pair, pairs
 
 pytestmark = pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
@@ -19,51 +20,6 @@ SMALL += [Float(3, 2, overflow="infinity"), Float(2, 2, subnormal=False, overflo
 LARGE = [FP24, GRADUAL, Float(8, 23), Float(5, 24, overflow="infinity"), Float(10, 24)]
 
 MILLION = 1_000_000
-
-
-def exact(format: Float, code: int) -> Fraction | float:
-    """Return the value of a code: a fraction, ±inf, or None for NaN."""
-    fraction = code % 2**format.fraction
-    exponent = code >> format.fraction & (2**format.exponent - 1)
-    sign = -1 if code >> (format.exponent + format.fraction) else 1
-    if format.overflow == "infinity" and exponent == 2**format.exponent - 1:
-        return None if fraction else sign * inf
-    if exponent == 0 and not format.subnormal:
-        fraction = 0
-    significand = (exponent > 0) * 2**format.fraction + fraction
-    return sign * significand * Fraction(2) ** (max(exponent, 1) - format.bias - format.fraction)
-
-
-def is_negative(format: Float, code: int) -> bool:
-    return bool(code >> (format.exponent + format.fraction))
-
-
-def nearest(format: Float, value: Fraction | float | None, negative: bool) -> int:
-    """Return the code nearest to a value, ties to even; `negative` is the sign of a zero."""
-    infinity = (2**format.exponent - (format.overflow == "infinity")) * 2**format.fraction
-    if value is None:
-        return infinity + 2 ** (format.fraction - 1)
-    negative = value < 0 or (value == 0 and negative)
-    if abs(value) == inf:
-        code = infinity
-    else:
-        size = abs(Fraction(value))
-        binade = 1 - format.bias
-        if size >= Fraction(2) ** binade:
-            binade = size.numerator.bit_length() - size.denominator.bit_length()
-            binade -= size < Fraction(2) ** binade
-        # Python rounds rationals to even.
-        steps = round(size / Fraction(2) ** (binade - format.fraction))
-        code = (binade + format.bias - 1) * 2**format.fraction + steps
-        if not format.subnormal and size < Fraction(2) ** (1 - format.bias):
-            code = 2**format.fraction if size > Fraction(2) ** -format.bias else 0
-    if format.overflow == "saturate":
-        code = min(code, infinity - 1)
-        negative = negative and code > 0
-    code = min(code, infinity)
-    if not format.signed:
-        return 0 if negative else code
-    return code + negative * 2 ** (format.exponent + format.fraction)
 
 
 def exact_product(format: Float, a: int, b: int) -> int:

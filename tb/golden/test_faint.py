@@ -20,21 +20,20 @@ from tb.helpers.bounds import RULE
 from tb.helpers.machines import garden
 
 OFF = replace(DEFAULT, faint=())
-FROM, BELOW, ENDS = DEFAULT.faint
 
 VALUES = [(5, 11, 9), (1, 2, 2), (4, 9, 4), (3, 16, 16), (6, 13, 9), (2, 8, 5)]
 
 
 @pytest.mark.parametrize("name", HARD)
 def test_error_of_the_rule(name):
-    """The error is at most 2^−a of the colour range, and 0 at pixels whose T stays above 2^−a."""
+    """The error is at most 2^−dark of the colour range, and 0 at pixels whose T stays above."""
     case = HARD[name](0)
     gaussians = case.scene.gaussians()
     own, faint = (render_reference(gaussians, case.camera, rule) for rule in (SPLATCORE, RULE))
     error = np.abs(own.image - faint.image)
     splats, _ = project(gaussians, case.camera)
-    assert error.max(initial=0) <= 2.0**-FROM * splats.colour.max(initial=0)
-    assert (error[own.transmittance >= 2.0**-FROM] == 0).all()
+    assert error.max(initial=0) <= RULE.faint.dark * splats.colour.max(initial=0)
+    assert (error[own.transmittance >= RULE.faint.dark] == 0).all()
     assert faint.counts["contributions"] <= own.counts["contributions"]
 
 
@@ -45,7 +44,7 @@ def test_cases_are_hard(name):
     model, _ = pack(case.scene, DEFAULT)
     pictures = [render(config, model, case.camera) for config in (DEFAULT, OFF)]
     error = np.abs(np.subtract(*(p.pixels.astype(int) for p in pictures))).max()
-    assert 2 <= error <= 255 / 2**FROM + 1
+    assert 2 <= error <= 255 * RULE.faint.dark + 1
     faint, own = (p.raster.counts for p in pictures)
     assert faint["contributions"] < 0.7 * own["contributions"]
 
@@ -62,13 +61,13 @@ def test_fog():
 
 
 def test_alternating_layers():
-    """At T just below 1/32, black layers weigh just less than the threshold 2^−b and white ones
+    """At T just below 1/32, black layers weigh just less than the threshold `taken` and white ones
     just more, provided that the skipped black ones leave T unchanged."""
     case = HARD["alternating_layers"](0)
     z = (case.scene.position @ case.camera.rotation.T + case.camera.translation)[:, 2]
     alpha, left = case.scene.opacity[2:], np.prod(1 - case.scene.opacity[:2])
     black, white = alpha[::2], alpha[1::2]
-    before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]]) * 2**BELOW
+    before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]]) / RULE.faint.taken
     assert (np.diff(z) > 0).all() and left < 1 / 32 and len(white) == len(black) == 46
     assert (before * black > 0.9).all() and (before * black < 1).all()
     assert (before * white > 1).all() and (before * white < 1.1).all()
@@ -108,13 +107,14 @@ def test_levels_leave_blocks_out():
     model, camera = garden(DEFAULT, 3_000), generated_camera("garden", 240, 136)
     faint, own = (render(config, model, camera).raster.counts for config in (DEFAULT, OFF))
     assert faint["visited"] < 0.95 * own["visited"]
-    assert len(mark_min(DEFAULT)) == 1 + ENDS - FROM and len(mark_min(OFF)) == 1
+    rule = DEFAULT.faint
+    assert len(mark_min(DEFAULT)) == 1 + rule.ends - rule.dark and len(mark_min(OFF)) == 1
 
 
 @pytest.mark.parametrize(
     ("fields", "why"),
-    [({"faint": (5, 11)}, "neither"), ({"faint": (5, 8, 9)}, "a ≤ c ≤ b"),
-     ({"faint": (0, 11, 9)}, "1 ≤ a"), ({"faint": (5, 17, 9)}, "b ≤ 16"),
+    [({"faint": (5, 11)}, "neither"), ({"faint": (5, 8, 9)}, "dark ≤ ends ≤ taken"),
+     ({"faint": (0, 11, 9)}, "1 ≤ dark"), ({"faint": (5, 17, 9)}, "taken ≤ 16"),
      ({"early_termination": False}, "ends pixels")],
 )  # fmt: skip
 def test_impossible_values_are_refused(fields, why):

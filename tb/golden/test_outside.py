@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
-from splatcore.spec.convention import NEAR_PLANE, Convention
+from splatcore.spec.convention import NEAR_PLANE, Convention, Faint
 from splatcore.spec.scene import sh_count
 from tb.outside.scenes import CASES
 from tb.outside.stored import ATTRIBUTES, FOLDER, GSPLAT, VERSIONS, Stored, load
@@ -27,7 +27,7 @@ SLIGHTLY_WRONG = {
     "alpha_min": 1 / 250,
     "alpha_max": 0.99,
     "transmittance_min": 2e-4,
-    "faint": (2**-5, 2**-11, 2**-9),
+    "faint": Faint(dark=2**-5, taken=2**-11, ends=2**-9),
     "pixel_centre": 0.51,
     "principal_point_shift": 0.01,
     "colour_offset": 0.51,

@@ -10,7 +10,7 @@ import pytest
 from splatcore.golden.reference import project, render
 from splatcore.golden.reference_tiles import smallest_q
 from splatcore.spec.camera import Camera, look_at
-from splatcore.spec.convention import ORIGINAL, SPLATCORE
+from splatcore.spec.convention import ORIGINAL, SPLATCORE, Faint
 from splatcore.spec.scene import Gaussians, Scene
 from tb.helpers.clouds import camera, cloud
 
@@ -49,10 +49,9 @@ def plain_render(gaussians: Gaussians, view: Camera, convention=SPLATCORE):
         alpha = np.minimum(convention.alpha_max, strength * np.exp(-q / 2))
         hit = live & (alpha >= convention.alpha_min)
         weight, following = rest * alpha, rest * (1 - alpha)
-        if convention.faint:
-            from_, below, ends = convention.faint
-            hit &= (rest >= from_) | (weight >= below)
-            last = hit & (following < ends)
+        if rule := convention.faint:
+            hit &= (rest >= rule.dark) | (weight >= rule.taken)
+            last = hit & (following < rule.ends)
             weight, following = np.where(last, rest, weight), np.where(last, 0, following)
             touched[n] = hit
         else:
@@ -79,7 +78,10 @@ def compensation(half: np.ndarray, blur: float) -> float:
     return float(np.prod(axes / np.sqrt(axes**2 + blur)))
 
 
-RULES = {"3DGS": SPLATCORE, "faint": replace(SPLATCORE, faint=(0.3, 0.04, 0.1))}
+RULES = {
+    "3DGS": SPLATCORE,
+    "faint": replace(SPLATCORE, faint=Faint(dark=0.3, taken=0.04, ends=0.1)),
+}
 
 
 @pytest.mark.parametrize("antialiased", [False, True])

@@ -17,7 +17,7 @@ from splatcore.spec.axi import (
     write_record,
 )
 from splatcore.spec.config import DEFAULT, Config
-from tb.helpers.ports import other_port, wide_addresses
+from tb.helpers.configs import other_port, wide_addresses
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow

@@ -21,7 +21,6 @@ from splatcore.spec.group import entry_record
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.point import splat_record
 from tb.helpers.bin_frames import (
-    MACHINES,
     Ellipses,
     Frame,
     bin_frame,
@@ -31,8 +30,11 @@ from tb.helpers.bin_frames import (
     read_lists,
 )
 from tb.helpers.bin_splats import FADED, KINDS, splats, together
+from tb.helpers.configs import MACHINES, machines
 from tb.helpers.scene_frames import SCENES, scene_frame, with_counts
 from tb.helpers.scenes import needs_scenes
+
+BINNING = machines("DEFAULT TINY SHORT SQUARE PAPER FP16")
 
 RATIO = {"needle": 1.2, "vast": 1.05}
 """Largest ratio of tiles found to exact tiles, if not `RATIO_MAX`: for needles and splats of
@@ -188,7 +190,7 @@ def check_cycles(run, results: list[Binned]):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(k, marks=pytest.mark.verify if k == "SQUARE" else ()) for k in MACHINES],
+    [pytest.param(k, marks=pytest.mark.verify if k == "SQUARE" else ()) for k in BINNING],
 )
 def test_hardware_equals_golden(name):
     """Frames of several sizes in one run: no frame leaves state for the next."""
@@ -201,7 +203,7 @@ def test_hardware_equals_golden(name):
     empty = {field: codes[:0] for field, codes in frames[0].splats.items()}
     frames = [frames[0], little, Frame(empty, 17, 16), *frames[1:], tiny]
     for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
-        _, results = check(name, frames, stall, seed)
+        _, results = check(config, frames, stall, seed)
     quarters = set(results[0].entries["key"] >> config.sort_key_bits - 2)
     if key_shift(config):  # keys in steps of one, two and many codes, and below the base
         assert {0, 2, 3} <= quarters
@@ -213,12 +215,12 @@ def test_hardware_equals_golden(name):
 def test_hardware_equals_golden_on_generated_scenes(name):
     frame, *_ = scene_frame(name, None)
     if len(frame):
-        run, results = check("DEFAULT", [frame], 0)
-        check("DEFAULT", [frame, frame], 0.4, seed=len(name))
+        run, results = check(DEFAULT, [frame], 0)
+        check(DEFAULT, [frame, frame], 0.4, seed=len(name))
         if name == "garden":
             check_cycles(run, results)
     if frame.width <= TINY.width_max and frame.height <= TINY.height_max:
-        check("TINY", [frame, frame], 0.3)
+        check(TINY, [frame, frame], 0.3)
 
 
 @needs_scenes
@@ -226,15 +228,15 @@ def test_hardware_equals_golden_on_generated_scenes(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_hardware_equals_golden_on_scenes(name):
     frame, *_ = scene_frame(name)
-    check_cycles(*check("DEFAULT", [frame], 0))
-    check("DEFAULT", [frame], 0.4, seed=len(name))
+    check_cycles(*check(DEFAULT, [frame], 0))
+    check(DEFAULT, [frame], 0.4, seed=len(name))
 
 
 @pytest.mark.slow
 def test_queues_and_buffers_fill_and_run_empty():
     """The feature queue fills up, and splats wait; buffers of all levels are filled and flushed."""
     frames = [random_frame(TINY, 60 + k, (k, 0)) for k in range(8)]
-    run, results = check("SHORT", frames, 0.8)
+    run, results = check(MACHINES["SHORT"], frames, 0.8)
     room, finishing = run.samples["room"], run.samples["finishing"]
     assert not room.all() and room.any()
     assert (finishing[1:] < finishing[:-1]).sum() == len(frames)  # each began with nothing inside

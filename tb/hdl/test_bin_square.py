@@ -1,7 +1,5 @@
 """Binning by the original renderer's 3σ square: radius, tiles and pairs against exact squares."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,14 +12,15 @@ from splatcore.golden.reference import project
 from splatcore.golden.reference import render as reference
 from splatcore.hdl.binning.bin import Bin
 from splatcore.sim.frame.metric import difference
-from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import ORIGINAL, SIGMA_EXTENT, SPLATCORE, TILE
 from splatcore.spec.frame import fixed_constants
 from tb.helpers.bin_frames import Ellipses, Frame, bin_frame, found_tiles, pairs
 from tb.helpers.bin_splats import KINDS, conic, splats
+from tb.helpers.configs import MACHINES
 from tb.helpers.scene_frames import scene_frame, with_counts
 
-SQUARE = replace(DEFAULT, name="SQUARE", tile_test="3sigma")
+SQUARE = MACHINES["SQUARE_HD"]
 
 RADIUS_ERROR = 3  # half steps of the arithmetic
 
@@ -119,7 +118,7 @@ def test_radius(config):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("config", [SQUARE, replace(TINY, tile_test="3sigma")], ids=["HD", "TINY"])
+@pytest.mark.parametrize("config", [SQUARE, MACHINES["SQUARE"]], ids=["HD", "TINY"])
 def test_no_tile_of_the_square_is_missing(config, kind):
     for smaller in (0, 11):
         size = (config.width_max - smaller, config.height_max - 2 * smaller)

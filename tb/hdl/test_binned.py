@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from splatcore.hdl.binning.binned import WRITING, Binned
-from splatcore.spec.axi import BEAT, port_bytes, write_record
+from splatcore.hdl.lib.record import AREA
+from splatcore.spec.axi import BEAT
 from splatcore.spec.binning import burst_record, group_record, groups_max
-from splatcore.spec.config import DEFAULT, TINY, Config
+from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.feature import feature_record
 from splatcore.spec.record import Record
 from splatcore.spec.work import FEATURE, SLOT
+from tb.helpers.memory_port import Writes
 from tb.helpers.runs import compiled
 
 pytestmark = [
@@ -18,7 +20,7 @@ pytestmark = [
 ]
 
 SPLATS, BURSTS, GROUPS = 301, 150, 45  # lines that are not full at the end
-FEATURES_AT, LISTS_AT, GROUPS_AT = 0x1000, 0x40000, 0x8000  # beats
+PLACES = {"features": 0x1000, "lists": 0x40000, "groups": 0x8000}  # beats
 END = 4000  # the cycle of `finish`; nothing more comes then
 
 SAMPLES = ("empty", *(f"writes__{n}__valid" for n in range(len(WRITING))))
@@ -29,20 +31,6 @@ def noise(rng: np.random.Generator, record: Record, count: int) -> np.ndarray:
     rows = rng.integers(0, 256, (count, record.size), np.uint8)
     rows[:, -1] &= 255 >> 8 * record.size - record.width
     return rows
-
-
-def written(config: Config, rows: np.ndarray) -> dict[int, int]:
-    """Return the bytes that a writer's rows write to memory, by address."""
-    codes, size = write_record(config).unpack(rows), port_bytes(config)
-    memory, place = {}, 0
-    for k in range(len(rows)):
-        start = BEAT * int(codes["beat"][k]) // size * size + size * place
-        for byte in range(size):
-            if int(codes["strobe"][k]) >> byte & 1:
-                word = int(codes[f"data{byte // 8}"][k])
-                memory[start + byte] = word >> 8 * (byte % 8) & 255
-        place = 0 if place == int(codes["length"][k]) else place + 1
-    return memory
 
 
 def placed(beat: int, rows: np.ndarray, size: int) -> dict[int, int]:
@@ -62,7 +50,7 @@ def test_work_area(config, stall):
     result = compiled(Binned, config, samples=SAMPLES).run(
         {"features": features, "bursts": record.pack(codes), "groups": groups},
         constants={
-            "features_at": FEATURES_AT, "lists_at": LISTS_AT, "groups_at": GROUPS_AT, "clear": 0,
+            "area": AREA.const(PLACES).as_bits(), "clear": 0,
             "features_max": SPLATS - 1,
             "finish": np.append(np.zeros(END, np.uint64), np.uint64(1)),
         },
@@ -75,9 +63,10 @@ def test_work_area(config, stall):
         assert not (empty & waiting[WRITING.index(name)]).any(), name
     pages = codes["slots"][np.argsort(codes["address"])].reshape(-1, 1).astype("<u8").view(np.uint8)
     expected = {
-        "features": placed(FEATURES_AT, features[:-1], FEATURE),
-        "lists": placed(LISTS_AT, pages[:, :SLOT], SLOT),
-        "groups": placed(GROUPS_AT, groups, SLOT),
+        "features": placed(PLACES["features"], features[:-1], FEATURE),
+        "lists": placed(PLACES["lists"], pages[:, :SLOT], SLOT),
+        "groups": placed(PLACES["groups"], groups, SLOT),
     }
     for n, name in enumerate(WRITING):
-        assert written(config, result.outputs[f"writes__{n}"]) == expected[name], name
+        address, value = Writes.of(config, result.outputs[f"writes__{n}"]).bytes()
+        assert dict(zip(address.tolist(), value.tolist(), strict=True)) == expected[name], name

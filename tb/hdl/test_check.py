@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.points.check import LATENCY, Check
 from splatcore.spec.config import DEFAULT, TINY, Config
@@ -20,35 +17,15 @@ TOP = 1 << 32
 Frame = dict[str, int]
 
 
-class Checking(wiring.Component):
-    """`Check`, with an empty stream, which the test harness needs."""
-
-    def __init__(self, config: Config):
-        self.check = Check(config)
-        nothing = {"looks": In(stream.Signature(1)), "seen": Out(stream.Signature(1))}
-        super().__init__(nothing | dict(self.check.signature.members))
-
-    def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.check = check = self.check
-        connect(m, flipped(self).looks, flipped(self).seen)
-        m.d.comb += [check.frame.eq(self.frame), self.error.eq(check.error)]
-        m.d.comb += self.detail.eq(check.detail)
-        return m
-
-
 def found(config: Config, frames: list[Frame]) -> list[tuple[int, int]]:
     """Return error and detail per frame, whose registers are held for `LATENCY` cycles."""
     registers = frame_registers(config)
     record = Record("frame", {register.name: Bits(register.width) for register in registers})
     codes = {r.name: np.array([f.get(r.name, 0) for f in frames], np.uint64) for r in registers}
-    given = np.repeat(record.pack(codes), LATENCY, axis=0)
-    cycles = len(given) + 1
-    result = compiled(Checking, config, samples=("error", "detail")).run(
-        {"looks": np.zeros((0, 1), np.uint8)}, constants={"frame": given},
-        cycles_max=cycles, idle_max=cycles,
-    )  # fmt: skip
-    samples = [result.samples[name][LATENCY::LATENCY].tolist() for name in ("error", "detail")]
+    given, names = np.repeat(record.pack(codes), LATENCY, axis=0), ("error", "detail")
+    result = compiled(Check, config, samples=names).run({}, constants={"frame": given})
+    end = len(given) + 1
+    samples = [result.samples[name][LATENCY:end:LATENCY].tolist() for name in names]
     return list(zip(*samples, strict=True))
 
 

@@ -11,7 +11,7 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, PAPER
-from splatcore.spec.memory import CHUNK
+from splatcore.spec.memory import CHUNK, chunk_count
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.point import (
     BEATS_BITS,
@@ -22,8 +22,8 @@ from splatcore.spec.point import (
     projecting_record,
 )
 from tb.helpers.point_rows import PointRows, point_rows
-from tb.helpers.runs import check_run, compiled
-from tb.helpers.stage_cases import case
+from tb.helpers.runs import compiled
+from tb.stages.points import point_case, with_harmonics
 
 GARDEN = generated_camera("garden")
 AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
@@ -35,20 +35,15 @@ pytestmark = pytest.mark.slow
 @cache
 def mixed(seed: int, count: int = 8000) -> PackedModel:
     """Return the garden with random harmonics of degree 3, in chunks of random layouts."""
-    rng, scene = np.random.default_rng(seed), generate("garden", count)
-    sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(count, 15, 3))], axis=1)
-    layouts = rng.integers(0, len(LAYOUTS), -(-count // CHUNK))
-    return pack(replace(scene, sh=sh), quality=layouts)[0]
+    rng = np.random.default_rng(seed)
+    scene = with_harmonics(generate("garden", count), rng)
+    return pack(scene, quality=rng.integers(0, len(LAYOUTS), chunk_count(count)))[0]
 
 
 def check(rows: PointRows, stall: float, seed: int):
     """Check two frames: the first leaves no state for the second."""
-    given = case("chunk", rows)
-    twice = [{k: np.tile(v, (2, 1)) for k, v in r.items()} for r in (given.inputs, given.expected)]
-    check_run(
-        compiled(Chunk, rows.config), *twice, "chunk.", constants=given.constants, stall=stall,
-        seed=seed,
-    )  # fmt: skip
+    case = point_case("chunk", rows).twice()
+    case.check(compiled(Chunk, rows.config), "chunk.", stall=stall, seed=seed)
 
 
 @pytest.mark.parametrize("stall", [0, 0.3, 0.7])

@@ -22,6 +22,7 @@ from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN, SH_EXPONENT_MAX, s
 from splatcore.spec.config import DEFAULT, PAPER, Config
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.packed import PackedModel, checksum
+from splatcore.spec.point import EXPONENT
 from splatcore.spec.programs import COLOURS, SLOPES
 from tb.helpers.point_rows import exponents
 
@@ -43,14 +44,11 @@ class Ports(wiring.Component):
 
     def __init__(self, config: Config):
         self.part = part = LookUp(config)
-        self.sides = [
-            name for name in part.signature.members if name not in ("write", "index", "o")
-        ]
         words = part.write.payload
         ports = {"valid": In(1), "address": In(len(words.address))}
         ports |= {f"word{k}": In(PORT) for k in range(BEATS)}
-        ports |= {name: In(getattr(part, name).shape()) for name in self.sides}
-        ports |= {"index": In(INDEX_BITS)}
+        ports |= {"start": In(1), "index": In(INDEX_BITS), "sh": In(1)}
+        ports |= {"exponent": In(part.model.exponent.shape())}
         ports |= {f"o_{name}": Out(len(part.o[name])) for name, _ in part.o.shape()}
         super().__init__(ports)
 
@@ -61,8 +59,8 @@ class Ports(wiring.Component):
         m.d.comb += [write.valid.eq(self.valid), write.payload.address.eq(self.address)]
         for k in range(BEATS):
             m.d.comb += write.payload.word[k * PORT :][:PORT].eq(getattr(self, f"word{k}"))
-        m.d.comb += [getattr(part, name).eq(getattr(self, name)) for name in self.sides]
-        m.d.comb += part.index.eq(self.index)
+        m.d.comb += [part.start.eq(self.start), part.index.eq(self.index)]
+        m.d.comb += [part.model.sh.eq(self.sh), part.model.exponent.eq(self.exponent)]
         m.d.comb += [getattr(self, f"o_{name}").eq(part.o[name]) for name, _ in part.o.shape()]
         return m
 
@@ -95,9 +93,9 @@ def drive(ports: Ports, frames: list[Frame]) -> tuple[dict[str, np.ndarray], lis
         for k in range(BEATS):
             given[f"word{k}"][: len(words)] = words[:, k]
         given["start"][:] = np.isin(np.arange(length), start)
-        for name, code in {"exponent": exponents(model), "sh": model.format.sh_degree}.items():
-            if name in given:
-                given[name][start[0] :] = code
+        codes = enumerate(exponents(model))
+        given["exponent"][start[0] :] = sum(code << k * EXPONENT.width for k, code in codes)
+        given["sh"][start[0] :] = model.format.sh_degree
         beats = model.attribute_beats(model.beats)[:, -8:].copy().view("<u8")[:, 0]
         index = beats >> np.uint64(64 - INDEX_BITS)
         for later in range(3):

@@ -1,14 +1,11 @@
 """The colour unit next to the array: projected splats, bit for bit, of random models and rays."""
 
 from dataclasses import replace
-from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from splatcore.hdl.points.project import Project
-from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.colour import (
     COARSE,
     EXPONENT_MAX,
@@ -23,9 +20,8 @@ from splatcore.spec.memory import model_format, step_format
 from splatcore.spec.microprogram import projection
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.schedule import schedule
-from tb.helpers.colour_rows import any_bytes, few_bits, project_rows, random_model
-from tb.helpers.runs import check_run
-from tb.helpers.stage_cases import constants
+from tb.helpers.colour_rows import any_bytes, few_bits, project_case, random_model
+from tb.helpers.runs import compiled
 
 MACHINES = {degree: replace(DEFAULT, sh_degree=degree) for degree in range(4)}
 DEGREES = (0, 1, pytest.param(2, marks=pytest.mark.verify), 3)
@@ -55,25 +51,12 @@ EXPONENTS = {
 }
 
 
-@cache
-def made(config: Config) -> tuple[Project, Simulation]:
-    """Return the projection and its simulation."""
-    component = Project(config)
-    return component, Simulation(component)
-
-
 def check(config: Config, model: PackedModel, seed: int, stall: float = 0.0) -> float:
     """Check splats of random points, bit for bit, and the attributes' read addresses; returns the
     cycles per splat."""
-    rng = np.random.default_rng(seed)
-    inputs, expected, registers = project_rows(config, model, rng)
-    given = SimpleNamespace(config=config, registers=registers)
-    component, simulation = made(config)
-    result = check_run(
-        simulation, inputs, expected, "project.", first=("write",), stall=stall, seed=seed,
-        constants=constants(component, given),
-    )  # fmt: skip
-    return result.cycles / len(expected["o"])
+    case = project_case(config, model, np.random.default_rng(seed))
+    result = case.check(compiled(Project, config), "project.", stall=stall, seed=seed)
+    return result.cycles / len(case.expected["o"])
 
 
 def steps(config: Config, layouts, exponent: str, seed: int, draw=any_bytes) -> PackedModel:

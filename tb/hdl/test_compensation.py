@@ -189,7 +189,7 @@ def test_the_factor_is_within_a_two_hundredth(kind):
     z = format.round(np.exp2(rng.uniform(-2, 8, count)))
     m = format.round(shapes(rng, kind, count) * z[:, None, None])
     inputs = {f"m{axis}{k}": m[:, row, k] for row, axis in enumerate("xy") for k in range(3)}
-    squares = {f"{axis * 2}2": (m[:, row] ** 2).sum(1) for row, axis in enumerate("xy")}
+    squares = {f"sum_{axis * 2}": (m[:, row] ** 2).sum(1) for row, axis in enumerate("xy")}
     inputs |= {name: format.round(value) for name, value in squares.items()}
     inputs |= {"z": z, "blur": format.round(0.3), "antialiased": 1.0, "stored_attenuation": 0.0}
     lines = Program("opacity", parse(COMPENSATION), ("attenuation",))
@@ -209,7 +209,7 @@ def test_flat_splats_vanish():
     zero = np.zeros_like(row)
     for x, y in ((row, row), (row, zero), (zero, zero)):
         inputs = {f"mx{k}": x[:, k] for k in range(3)} | {f"my{k}": y[:, k] for k in range(3)}
-        inputs |= {"xx2": format.round((x**2).sum(1)), "yy2": format.round((y**2).sum(1))}
+        inputs |= {"sum_xx": format.round((x**2).sum(1)), "sum_yy": format.round((y**2).sum(1))}
         inputs |= {"z": np.full(1000, 2.0), "blur": format.round(0.3), "antialiased": 1.0}
         lines = Program("opacity", parse(COMPENSATION), ("attenuation",))
         found = run(DEFAULT, lines, inputs | {"stored_attenuation": 0.0})["attenuation"]

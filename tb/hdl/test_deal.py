@@ -1,7 +1,5 @@
 """Stage 2's front end against its golden model: rounds, buckets, jobs."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from amaranth.hdl import Module
@@ -23,18 +21,13 @@ from splatcore.spec.sort import (
     line_record,
     listed_record,
 )
-from splatcore.study.bench.sort_rows import KEYS, entries_of, stage_rows
+from splatcore.study.bench.sort_rows import KEYS
 from splatcore.study.bench.sort_stage import SortStage
+from tb.helpers.configs import MACHINES
 from tb.helpers.parts import forward
-from tb.helpers.runs import check_run, compiled
-from tb.helpers.variants import faults_are_found
-
-MACHINES = {
-    "TINY": TINY,
-    "DEFAULT": DEFAULT,
-    "NARROW": replace(TINY, sort_digits=(1,) * 8),
-}
-
+from tb.helpers.runs import Case, compiled, faults_are_found
+from tb.planted.fault import planted_in
+from tb.stages.sorting import entries_for, spill_case
 
 KINDS = (*KEYS, "tied")
 
@@ -81,24 +74,15 @@ def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dic
     }
 
 
-def entries_for(config, kind: str, counts, seed: int):
-    """Return entries by `KEYS`; "tied": half of them share one key, which is not an extreme one."""
-    entries = entries_of(config, "random" if kind == "tied" else kind, counts, seed)
-    if kind == "tied":
-        entries["key"][::2] = 1 << config.sort_key_bits - 2
-    return entries
-
-
 def check(name: str, kind: str, counts, stall: float = 0, seed: int = 0):
     config = MACHINES[name]
     entries = entries_for(config, kind, counts, seed)
     ends = np.cumsum(counts)
     lists = np.split(entries["key"], ends[:-1])
     inputs, expected = deal_rows(config, lists, entries)
-    return check_run(
-        compiled(Deal, config), inputs, expected, f"{kind} {counts}: ",
-        constants={"settled": 1, "released": 1}, stall=stall, seed=seed, idle_max=3000,
-    )  # fmt: skip
+    case = Case(inputs, expected, {"settled": 1, "released": 1})
+    part = compiled(Deal, config)
+    return case.check(part, f"{kind} {counts}: ", stall=stall, seed=seed, idle_max=3000)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -114,14 +98,12 @@ def test_default_equals_golden(stall):
         check("DEFAULT", kind, [2048, 2049, 5, 5200, 7000], stall, seed)
 
 
-def check_stage(name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, **more):
+def check_stage(name: str, kind: str, counts, part=None, seed: int = 0, **options):
     """Check dealing, scratch memory and sorting together: every entry in its place."""
     config = MACHINES[name]
-    rows = stage_rows(config, np.array(counts), entries_for(config, kind, counts, seed))
-    return check_run(
-        part or compiled(SortStage, config), rows.inputs, rows.expected, f"{kind} {counts}: ",
-        constants={"stop": 0} | more, stall=stall, seed=seed, idle_max=100_000,
-    )  # fmt: skip
+    case = spill_case(config, counts, entries_for(config, kind, counts, seed))
+    part = part or compiled(SortStage, config)
+    return case.check(part, f"{kind} {counts}: ", seed=seed, idle_max=100_000, **options)
 
 
 MIXED = (70, 3, 64, 65, 130, 300, 5, 129, 1, 66, 1000, 64, 70)
@@ -132,8 +114,8 @@ MIXED = (70, 3, 64, 65, 130, 300, 5, 129, 1, 66, 1000, 64, 70)
 def test_stage_equals_golden(kind):
     """Areas of scratch memory are not written while they are read, whichever side stalls."""
     for seed, stall in enumerate((0, 0.3, 0.7)):
-        check_stage("TINY", kind, MIXED, stall, seed)
-        check_stage("TINY", kind, [100] * 12, stall, seed)
+        check_stage("TINY", kind, MIXED, stall=stall, seed=seed)
+        check_stage("TINY", kind, [100] * 12, stall=stall, seed=seed)
     check_stage("DEFAULT", kind, [20_000, 3, 2049, 5000])
 
 
@@ -148,29 +130,28 @@ def test_cycles_of_long_lists(kind):
         assert abs(stage_cycles(DEFAULT, lists) - found) <= 0.03 * found, counts
 
 
-FAULTS = {
-    "an area is written too early": ("_areas", "~used.room", "0"),
-    "a round ends with each job": ("_give", "self.total, 0, 0)", "self.total, 0, 1)"),
-    "a job too long": ("_give", "<= self.half", "<= self.half + 3"),
-    "an empty bucket ends a job": ("_give", "room | ~count.any()", "room"),
-    "an issued entry is dealt again": ("_entry", "(key < self.low) | of_low", "of_low"),
-    "equal keys are not skipped": ("_entry", "(key < self.low) | of_low", "key < self.low"),
-    "keys below the base wrap": ("_memories", "Mux(offset[-1], 0, within)", "within"),
-    "the first bucket begins at the base": ("_keys", "self.bucket.any() & ", ""),
-    "buckets as narrow as can be": ("_keys", "Mux(wanted < shift, wanted, shift)", "shift"),
-    "buckets never wider": ("_keys", "self.shift + 1", "self.shift"),
-    "a bucket's keys are equal if all are": (
-        "_keys",
-        "self.high == self.low",
-        "~self.extent.any()",
-    ),
-    "a bucket has no last line": ("_lines", "ending & begun", "0"),
-    "a bucket keeps too little": (
-        "_entry",
-        "self.count < self.half)",
-        "self.count < self.half - 1)",
-    ),
-}
+FAULTS = planted_in(
+    Deal,
+    _areas={"an area is written too early": ("~used.room", "0")},
+    _give={
+        "a round ends with each job": ("self.total, 0, 0)", "self.total, 0, 1)"),
+        "a job too long": ("<= self.half", "<= self.half + 3"),
+        "an empty bucket ends a job": ("room | ~count.any()", "room"),
+    },
+    _entry={
+        "an issued entry is dealt again": ("(key < self.low) | of_low", "of_low"),
+        "equal keys are not skipped": ("(key < self.low) | of_low", "key < self.low"),
+        "a bucket keeps too little": ("self.count < self.half)", "self.count < self.half - 1)"),
+    },
+    _memories={"keys below the base wrap": ("Mux(offset[-1], 0, within)", "within")},
+    _keys={
+        "the first bucket begins at the base": ("self.bucket.any() & ", ""),
+        "buckets as narrow as can be": ("Mux(wanted < shift, wanted, shift)", "shift"),
+        "buckets never wider": ("self.shift + 1", "self.shift"),
+        "a bucket's keys are equal if all are": ("self.high == self.low", "~self.extent.any()"),
+    },
+    _lines={"a bucket has no last line": ("ending & begun", "0")},
+)
 
 
 class Held(wiring.Component):
@@ -193,13 +174,10 @@ def check_all(part: Simulation, fault: int):
     """Check that passes without a fault and fails with each one."""
     for seed, stall in enumerate((0, 0.5)):
         for kind in ("equal", "clustered", "random", "tied"):
-            check_stage("NARROW", kind, MIXED, stall, seed, part, fault=fault, hold=0)
-    hold = np.append(np.ones(8000, np.uint64), 0)
-    check_stage("NARROW", "clustered", [65] * 24, 0, 0, part, fault=fault, hold=hold)
+            constants = {"fault": fault, "hold": 0}
+            check_stage("NARROW", kind, MIXED, part, seed, stall=stall, constants=constants)
+    constants = {"fault": fault, "hold": np.append(np.ones(8000, np.uint64), 0)}
+    check_stage("NARROW", "clustered", [65] * 24, part, constants=constants)
 
 
-test_fault_is_found = faults_are_found(
-    lambda: Held(MACHINES["NARROW"]),
-    {name: (Deal, *fault) for name, fault in FAULTS.items()},
-    check_all,
-)
+test_fault_is_found = faults_are_found(lambda: Held(MACHINES["NARROW"]), FAULTS, check_all)

@@ -4,13 +4,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from amaranth.hdl import Assert, Cat, Module, Signal
+from amaranth.hdl import Assert, Cat, Module, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In
-from amaranth.utils import exact_log2
 
-from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.fetch import Fetch
 from splatcore.spec.axi import (
     BEAT_ADDRESS_BITS,
@@ -20,8 +17,9 @@ from splatcore.spec.axi import (
     read_record,
 )
 from splatcore.spec.config import DEFAULT, Config
+from tb.helpers.configs import PORTS
+from tb.helpers.memory_port import answer_reads
 from tb.helpers.parts import forward
-from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
 COUNT_BITS = 10
@@ -39,6 +37,7 @@ class Memory(wiring.Component):
     """
 
     def __init__(self, config: Config, depth: int, burst: int):
+        self.config = config
         self.fetch = Fetch(config, depth, COUNT_BITS, burst, marks=True)
         fetch = self.fetch.signature.members
         pace = In(stream.Signature(1))
@@ -46,36 +45,20 @@ class Memory(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        request = layout(read_record())
         m.submodules.fetch = fetch = self.fetch
-        m.submodules.queue = queue = Queue(request, IN_FLIGHT)
         forward(m, self, fetch, ("i", "o"))
-        m.d.comb += [  # the memory accepts a burst in the cycle in which `bursts` outputs it
-            self.bursts.payload.eq(fetch.reads.payload),
+
+        def content(number: Value) -> Value:
+            beat = Signal(BEAT_ADDRESS_BITS)
+            m.d.comb += beat.eq(number)
+            return Cat(beat, ~beat)
+
+        answer_reads(m, self.config, fetch, self.bursts, self.pace, IN_FLIGHT, content)
+        m.d.comb += [
             self.bursts.payload.narrow.eq(fetch.reads.payload.narrow | fetch.marked),
             fetch.marks.eq(self.i.payload.count[0]),
-            queue.i.payload.eq(fetch.reads.payload),
-            self.bursts.valid.eq(fetch.reads.valid & queue.i.ready),
-            queue.i.valid.eq(fetch.reads.valid & self.bursts.ready),
-            fetch.reads.ready.eq(self.bursts.ready & queue.i.ready),
+            Assert(fetch.data.ready & (fetch.queue.i.ready | ~fetch.data.valid)),
         ]
-        place, burst = Signal.like(queue.o.payload.length), queue.o.payload
-        beat = Signal(BEAT_ADDRESS_BITS)
-        last = place == burst.length
-        comes = queue.o.valid & self.pace.valid
-        m.d.comb += [
-            beat.eq((burst.beat >> exact_log2(fetch.beats)) + place),
-            fetch.data.payload.beat.eq(Cat(beat, ~beat)),
-            fetch.data.payload.last.eq(last),
-            fetch.data.valid.eq(comes),
-            self.pace.ready.eq(queue.o.valid),
-            queue.o.ready.eq(comes & last),
-            Assert(fetch.data.ready & (fetch.queue.i.ready | ~comes)),
-        ]
-        with m.If(comes):
-            m.d.sync += place.eq(place + 1)
-            with m.If(last):
-                m.d.sync += place.eq(0)
         return m
 
 

@@ -1,24 +1,16 @@
 """Finished blocks leave in a fixed order, whatever the order in which they come."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from splatcore.hdl.raster.finished import Finished
-from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.config import DEFAULT
 from splatcore.spec.raster import block_count, nth_block, pixels_record
-from tb.helpers.ports import other_port
+from tb.helpers.configs import machines, other_port
 from tb.helpers.runs import compiled
 
 GROUPS = 4
-CONFIGS = {
-    "DEFAULT": DEFAULT,
-    "TINY": TINY,
-    "EIGHT": replace(DEFAULT, name="EIGHT", rasterizers=8),
-    "SIXTEEN": replace(DEFAULT, name="SIXTEEN", rasterizers=16),
-    "port": other_port(DEFAULT),
-}
+CONFIGS = machines("DEFAULT TINY EIGHT SIXTEEN") | {"port": other_port(DEFAULT)}
 
 
 @pytest.mark.parametrize("stall", [0, 0.5])

@@ -1,87 +1,15 @@
-"""Proofs of the stream primitives, and tests that a proof can fail."""
+"""`sim.rtl.formal`: proofs, searches and covers hold, or fail with the step and the line."""
 
 from collections.abc import Callable
-from functools import partial
 
 import pytest
 from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, Slot, Stage
 from splatcore.sim.rtl.formal import ProofError, cover, prove, search
-from tb.formal.stream import (
-    WIDTH,
-    Followed,
-    Forked,
-    WatchedQueue,
-    in_pipe,
-    in_queue,
-    in_register,
-    in_slot,
-    in_stage,
-)
-from tb.helpers.parts import Piped, SideBySide
-from tb.planted.fault import each, plant
 
 pytestmark = pytest.mark.slow
-
-COVER_DEPTH = 8  # cycles in which an item can enter and leave each part below
-
-
-def queue(depth: int, memory: bool = False) -> Followed:
-    return Followed(WatchedQueue(depth, memory), in_queue, latency=1 + memory, capacity=depth)
-
-
-def pipe(latency: int) -> Followed:
-    return Followed(Piped(WIDTH, latency), in_pipe, latency, capacity=latency)
-
-
-PROOFS = {
-    "register": lambda: Followed(Register(WIDTH), in_register, latency=1, capacity=2),
-    "slot": lambda: Followed(Slot(WIDTH), in_slot, latency=1, capacity=1),
-    "stage": lambda: Followed(Stage(WIDTH), in_stage, latency=1, capacity=1),
-    **{f"queue_{depth}": partial(queue, depth) for depth in (2, 5)},  # 5: not a power of two
-    **{f"memory_{depth}": partial(queue, depth, True) for depth in (3, 8)},
-    **{f"pipe_{latency}": partial(pipe, latency) for latency in (1, 4)},
-    "fork": lambda: Forked(Fork(WIDTH, 3)),
-}
-
-
-def beside(*names: str) -> SideBySide:
-    """Return parts side by side, so that one solver run covers them all."""
-    return SideBySide({name: PROOFS[name]() for name in names})
-
-
-def test_stream():
-    prove(beside(*PROOFS))
-
-
-def test_stream_is_reached():
-    """The cases of the assertions are reachable, so no assertion holds for lack of cases."""
-    cover(beside("register", "slot", "stage", "memory_3", "pipe_4", "fork"), COVER_DEPTH)
-
-
-FAULTS = {
-    "an item too many": ("register", Register, "self.i.ready.eq(~self.full)", "self.i.ready.eq(1)"),
-    "taken while full": ("slot", Slot, "self.i.ready.eq(ready)", "self.i.ready.eq(1)"),
-    "lost to the next": ("stage", Stage, "~self.o.valid | self.o.ready", "1"),
-    "full too late": ("queue_5", Queue, "self.level != self.depth", "self.level <= self.depth"),
-    "fetched from nowhere": ("memory_3", Queue, "self.level != self.o.valid", "1"),
-    "halts too late": ("pipe_4", Pipe, "~self.o.valid | self.o.ready", "1"),
-    "given twice": ("fork", Fork, "self.i.valid & ~self.taken[k]", "self.i.valid"),
-}
-
-
-@pytest.mark.parametrize("fault", each(FAULTS))
-def test_fault_is_found(fault, monkeypatch):
-    name, part, old, new = FAULTS[fault]
-    plant(monkeypatch, part, "elaborate", old, new)
-    with pytest.raises(ProofError, match="fails in step") as found:
-        prove(PROOFS[name]())
-    assert found.value.step is not None
-    assert found.value.lines
-    assert all("formal/stream.py" in line for line in found.value.lines)
 
 
 class Counter(wiring.Component):

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In
-from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.raster.groups import EMPTY_WAITING, TAKERS, Groups
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec import axi
@@ -22,9 +20,10 @@ from splatcore.spec.number import Bits
 from splatcore.spec.raster import position_record
 from splatcore.spec.record import Record
 from splatcore.spec.work import table_record
+from tb.helpers.configs import other_port
+from tb.helpers.memory_port import answer_reads
 from tb.helpers.parts import forward
-from tb.helpers.ports import other_port
-from tb.helpers.runs import check_run, compiled
+from tb.helpers.runs import Case, compiled
 
 pytestmark = pytest.mark.slow
 
@@ -89,40 +88,24 @@ class Table(wiring.Component):
             m.d.sync += [frame.eq(self.frames.payload), free.eq(0)]
         with m.Elif(was_busy & ~inner.busy):
             m.d.sync += free.eq(1)
-        for name in self.record.members:
-            m.d.comb += getattr(inner, name).eq(frame[name])
-        self._memory(m)
-        return m
-
-    def _memory(self, m: Module):
-        """Accept up to `IN_FLIGHT` bursts at a time; return one beat per item of `pace`."""
+        m.d.comb += [inner.job[name].eq(frame[name]) for name in ("width", "height")]
+        m.d.comb += inner.job.area.groups.eq(frame.groups_at)
         m.submodules.memory = memory = Memory(shape=self.config.port, depth=BEATS, init=[])
-        below = exact_log2(axi.port_beats(self.config))
         write, read = memory.write_port(), memory.read_port(domain="comb")
-        stored, reads, data = self.stored.payload, self.inner.reads, self.inner.data
-        m.submodules.queue = queue = Queue(reads.payload.shape(), IN_FLIGHT)
-        burst, left = Signal(reads.payload.shape()), Signal(axi.LENGTH_BITS + 1)
+        stored = self.stored.payload
         m.d.comb += [
             self.stored.ready.eq(1),
             write.en.eq(self.stored.valid),
             write.addr.eq(stored.number),
             write.data.eq(stored.as_value()[-self.config.port :]),
-            read.addr.eq(burst.beat >> below),
-            self.bursts.payload.eq(reads.payload),
-            queue.i.payload.eq(reads.payload),
-            self.bursts.valid.eq(reads.valid & queue.i.ready),
-            queue.i.valid.eq(reads.valid & self.bursts.ready),
-            reads.ready.eq(self.bursts.ready & queue.i.ready),
-            queue.o.ready.eq(~left.any()),
-            data.valid.eq(left.any() & self.pace.valid),
-            data.payload.beat.eq(read.data),
-            data.payload.last.eq(left == 1),
-            self.pace.ready.eq(left.any() & data.ready),
         ]
-        with m.If(queue.o.valid & queue.o.ready):
-            m.d.sync += [burst.eq(queue.o.payload), left.eq(queue.o.payload.length + 1)]
-        with m.Elif(data.valid & data.ready):
-            m.d.sync += [burst.beat.eq(burst.beat + (1 << below)), left.eq(left - 1)]
+
+        def content(number: Value) -> Value:
+            m.d.comb += read.addr.eq(number)
+            return read.data
+
+        answer_reads(m, self.config, inner, self.bursts, self.pace, IN_FLIGHT, content)
+        return m
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,11 +208,9 @@ def check_bursts(config: Config, given: list[Frame], rows: np.ndarray):
 
 
 def run(config: Config, given: list[Frame], stall: float = 0, seed: int = 0) -> Result:
-    expected = outputs(config, given)
-    found = check_run(
-        table(config), inputs(config, given, seed), expected, constants={"hold": 0},
-        first=["stored"], stall=stall, seed=seed,
-    )  # fmt: skip
+    rows = inputs(config, given, seed)
+    case = Case(rows, outputs(config, given), {"hold": 0}, first=["stored"])
+    found = case.check(table(config), stall=stall, seed=seed)
     check_bursts(config, given, found.outputs["bursts"])
     assert found.ports["groups"] == len(given[-1].count)
     return found

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from splatcore.hdl.points.state import ModelState
 from splatcore.spec import axi, colour, memory
 from splatcore.spec.config import PAPER, Config
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.point import EXPONENT
 from splatcore.spec.record import Codes
 from splatcore.spec.registers import ErrorCode, frame_registers
 from splatcore.spec.renderable import check_renderable
 from tb.helpers.colour_rows import random_model
+from tb.helpers.configs import PORTS
 from tb.helpers.model_memory import Image, check_reading
 from tb.helpers.point_rows import counts
-from tb.helpers.ports import PORTS
 
 NARROW, WIDE = PORTS.values()
 
@@ -114,17 +114,12 @@ def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
     model = [register.name for register in frame_registers(config)].index("MODEL")
     assert ports["detail"] == {ErrorCode.DEGREE: degree, ErrorCode.RANGE: model}.get(error, 0)
     if not error:
-        width = EXPONENT.width
-        codes = [int(e) % (1 << width) for e in at.header["exponent"]]
-        assert ports["exponent"] == sum(code << k * width for k, code in enumerate(codes))
-        assert ports["position_exponent"] == int(at.header["position_exponent"]) % (1 << width)
-        assert ports["gaussians"] == at.header["count"] and ports["sh"] == (degree > 0)
-        if config.colours == "beside":
-            assert ports["codebooks"] == at.header["colour_index"].any()
-        if config.small_models:
-            assert ports["small"] == at.header["small"]
-        if config.compensates:
-            assert ports["antialiased"] == at.header["antialiased"]
+        names = ("position_exponent", "small", "antialiased")
+        fields = {name: int(at.header[name]) for name in names}
+        fields |= {"gaussians": int(at.header["count"]), "sh": int(degree > 0)}
+        fields |= {"codebooks": int(at.header["colour_index"].any())}
+        fields |= {"exponent": at.header["exponent"].tolist()}
+        assert ports["model"] == ModelState.const(fields).as_bits()
         assert ports["given"]
     return error
 

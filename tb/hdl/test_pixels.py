@@ -32,7 +32,8 @@ from splatcore.spec.raster import (
 )
 from splatcore.spec.record import Codes, Record
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, STRIDE_BITS, stride
-from tb.helpers.ports import other_port
+from tb.helpers.configs import machines, other_port
+from tb.helpers.memory_port import Writes
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -41,20 +42,16 @@ SPAN_CYCLES = 2 * BLOCK  # per span of `DEFAULT`, at most
 GROUP_CYCLES = 64 * 64 * PIXEL // axi.port_bytes(DEFAULT) + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
-OTHERS = {
-    "one": replace(TINY, name="ONE", rasterizers=1, group=1),
-    "eight": replace(DEFAULT, name="EIGHT", rasterizers=8),
-    "port": other_port(DEFAULT),
-    "small port": other_port(TINY),
-}
-VERIFIED = ("one", "eight")
-CONFIGS = {"DEFAULT": DEFAULT, "TINY": TINY} | OTHERS
+PORTS = {"port": other_port(DEFAULT), "small port": other_port(TINY)}
+VERIFIED = ("ONE", "EIGHT")
+CONFIGS = machines("DEFAULT TINY ONE EIGHT") | PORTS
 
 SIZES = ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3), (32, 32), (64, 61))
 LARGE_SIZES = ((200, 130), (1, 1), (129, 64), (64, 260), (340, 60))
 
 
 POSITIONS = ("positions", "empty")
+JOB = ("width", "height", "pixels", "stride", "background")
 
 
 def frame_record(config: Config) -> Record:
@@ -62,8 +59,8 @@ def frame_record(config: Config) -> Record:
     sizes = {"width": config.width_max, "height": config.height_max}
     sizes |= dict.fromkeys(("groups", *POSITIONS), groups_max(config))
     fields = {name: Bits(size.bit_length()) for name, size in sizes.items()}
-    fields |= {"pixels_at": Bits(axi.BEAT_ADDRESS_BITS)}
-    fields |= {"stride_beats": Bits(STRIDE_BITS - axi.BEAT_BITS)}
+    fields |= {"pixels": Bits(axi.BEAT_ADDRESS_BITS)}
+    fields |= {"stride": Bits(STRIDE_BITS - axi.BEAT_BITS)}
     return Record("frame", fields | {"background": Record("colour", colours(config))})
 
 
@@ -91,8 +88,8 @@ class Frames(wiring.Component):
         m.d.sync += pixels.start.eq(self.frames.valid & self.frames.ready)
         with m.If(self.frames.valid & self.frames.ready):
             m.d.sync += frame.eq(self.frames.payload)
-        for name in set(self.record.members) - set(POSITIONS):
-            m.d.comb += getattr(pixels, name).eq(frame[name])
+        m.d.comb += [pixels.job[name].eq(frame[name]) for name in JOB]
+        m.d.comb += pixels.groups.eq(frame.groups)
         with m.If(pixels.start | pixels.through):
             m.d.sync += active.eq(pixels.start)
         for name in POSITIONS:
@@ -177,8 +174,8 @@ def run(config: Config, images: list[Image], **options) -> Result:
         "groups": [len(image.empty) for image in images],
         "positions": [np.sum(~image.empty) for image in images],
         "empty": [np.sum(image.empty) for image in images],
-        "pixels_at": [image.at for image in images],
-        "stride_beats": [image.stride for image in images],
+        "pixels": [image.at for image in images],
+        "stride": [image.stride for image in images],
     }
     frames = {name: np.array(values) for name, values in frames.items()}
     colour = np.array([image.background for image in images]).T
@@ -218,37 +215,14 @@ def beats_of(config: Config, image: Image) -> int:
 
 def check(config: Config, rows: np.ndarray, image: Image):
     """Check that bursts are whole and within a page, and write each byte of the image once."""
-    codes, size = axi.write_record(config).unpack(rows), axi.port_bytes(config)
-    data = np.stack([codes[f"data{k}"] for k in range(size // 8)], 1).astype("<u8")
-    data = data.view(np.uint8).reshape(-1, size)
     height, width = image.pixels.shape[:2]
-    memory = np.zeros((height, image.stride * axi.BEAT), int) - 1
-    at, row_beats = image.at * axi.BEAT // size, image.stride * axi.BEAT // size
-    left, place, burst = 0, 0, (0, 0)
-    for first, length, strobe, row in zip(
-        codes["beat"].astype(int) * axi.BEAT,
-        codes["length"].astype(int),
-        codes["strobe"],
-        data,
-        strict=True,
-    ):
-        if left:
-            assert (first, length) == burst
-            place += 1
-        else:
-            burst, place, left = (first, length), 0, length + 1
-            assert first % size == 0
-            assert first // axi.BOUNDARY == (first + length * size) // axi.BOUNDARY
-        left -= 1
-        y, x = divmod(first // size + place - at, row_beats)
-        assert 0 <= y < height
-        own = memory[y, x * size : (x + 1) * size]
-        chosen = int(strobe) >> np.arange(size) & 1 == 1
-        assert (own[chosen] == -1).all()
-        own[chosen] = row[chosen]
-    assert left == 0
-    assert (memory[:, width * PIXEL :] == -1).all()
-    assert np.array_equal(memory[:, : width * PIXEL].reshape(height, width, PIXEL), image.pixels)
+    address, value = Writes.of(config, rows).bytes()
+    y, x = np.divmod(address - image.at * axi.BEAT, image.stride * axi.BEAT)
+    assert len(np.unique(address)) == len(address) == height * width * PIXEL
+    assert ((y >= 0) & (y < height) & (x < width * PIXEL)).all()
+    found = np.zeros((height, width * PIXEL), np.uint8)
+    found[y, x] = value
+    assert np.array_equal(found.reshape(height, width, PIXEL), image.pixels)
 
 
 def emptiness(groups: int, seed: int) -> list[np.ndarray]:

@@ -21,7 +21,7 @@ from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, chunk_count
 from splatcore.spec.microprogram import projection
 from tb.helpers.point_rows import PointRows, point_rows
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
-from tb.helpers.stage_cases import STAGES, check
+from tb.stages.points import PARTS, check, with_harmonics
 
 
 def points(name: str) -> tuple:
@@ -36,7 +36,7 @@ def rows(name: str) -> PointRows:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", PARTS)
 def test_stages_equal_golden_on_the_garden(stage):
     for seed, stall in enumerate((0, 0.3, 0.7)):
         check(stage, rows("garden"), stall, seed)
@@ -74,11 +74,11 @@ def test_machines_equal_golden(name):
 @pytest.mark.parametrize("quality", ["small", "balanced", "faithful", "mixed"])
 def test_models_of_all_qualities_equal_golden(quality):
     """Half a beat per Gaussian; and harmonics of degree 3, in chunks of one layout or of all."""
-    rng, scene = np.random.default_rng(3), generate("garden", 5000)
-    sh = np.concatenate([scene.sh[:, :1], 0.1 * rng.normal(size=(len(scene), 15, 3))], axis=1)
+    rng = np.random.default_rng(3)
+    scene = with_harmonics(generate("garden", 5000), rng)
     if quality == "mixed":
         quality = rng.integers(0, len(LAYOUTS), chunk_count(len(scene)))
-    model, _ = pack(replace(scene, sh=sh), quality=quality)
+    model, _ = pack(scene, quality=quality)
     frame = point_rows(DEFAULT, model, AMID)
     assert 0 < len(frame.points.index) < len(model)
     check("points", frame, 0)

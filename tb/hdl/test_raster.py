@@ -9,7 +9,7 @@ import pytest
 from splatcore.golden.bin import splat_codes
 from splatcore.golden.exact import as_packed, entries_of, features_of
 from splatcore.golden.pipeline import render as render_golden
-from splatcore.golden.raster import WORK, Entries, rasterize
+from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import project, render
 from splatcore.golden.sort import sort
 from splatcore.hdl.raster.prepare import Prepare
@@ -18,41 +18,37 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
-from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
 from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, feature_record
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import entry_record, group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
-from splatcore.spec.record import Codes
 from splatcore.study.accuracy.points import with_width
 from tb.helpers.bin_frames import Frame, read_memory
 from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.bounds import RULE
+from tb.helpers.configs import MACHINES
 from tb.helpers.machines import NEEDLES, long_needles
-from tb.helpers.raster_rows import opaque_features, prepared_codes, random_features, run_groups
+from tb.helpers.runs import Case, compiled
 from tb.helpers.scene_frames import parameters
 from tb.helpers.scenes import scene_path
+from tb.stages.raster import (
+    Lists,
+    mixed,
+    nothing,
+    opaque,
+    opaque_features,
+    prepared_codes,
+    random_features,
+)
 
-ONE = replace(DEFAULT, rasterizers=1)
-FEW = replace(TINY, name="FEW", rasterizers=8, group=1, logic="fpga")  # two blocks per rasterizer
+ONE, FEW = MACHINES["SINGLE"], MACHINES["FEW"]
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
 SIZES = ((64, 64), (61, 35), (1, 1), (33, 2))
 """Image sizes: the largest, one that cuts blocks, and two with hardly any pixels."""
-
-
-def random_case(config, count: int, size: tuple[int, int], seed: int) -> tuple[Codes, Entries]:
-    """Return features, and lists with random tiles, whether a splat reaches them or not."""
-    rng = np.random.default_rng(seed)
-    groups = int(np.prod(group_grid(config, *size)))
-    lengths = rng.multinomial(count, np.full(groups, 1 / groups))
-    start = np.concatenate([[0], np.cumsum(lengths)])
-    mask = rng.integers(1, 1 << config.group**2, count)
-    entries = Entries(start, rng.integers(0, count, count), mask)
-    return random_features(config, count, size, seed), entries
 
 
 @pytest.mark.slow
@@ -67,16 +63,12 @@ def test_prepare(config):
         "mask": rng.integers(0, 1 << config.group**2, count).astype(np.uint64),
         "end": rng.integers(0, 2, count).astype(np.uint64),
     }
-    result = Simulation(Prepare(config)).run(
-        {"i": featured_record(config).pack({"splat": features} | rest)},
-        expected={"o": count}, stall=0.2,
-    )  # fmt: skip
-    assert result.finished and len(result.outputs["o"]) == count
     expected = {"splat": prepared_codes(config, features)} | rest
-    found = readied_record(config).unpack(result.outputs["o"])
-    for name, codes in expected["splat"].items():
-        assert (found["splat"][name] == codes).all(), name
-    assert (result.outputs["o"] == readied_record(config).pack(expected)).all()
+    case = Case(
+        {"i": featured_record(config).pack({"splat": features} | rest)},
+        {"o": readied_record(config).pack(expected)},
+    )
+    case.check(compiled(Prepare, config), stall=0.2)
 
 
 @pytest.mark.parametrize("bits", ["5/10", "7/12", "7/16"])
@@ -97,9 +89,8 @@ def test_random_tiles(size, stall):
     """Splats of all kinds, in tiles that they reach and in others."""
     for seed in range(3):
         background = ((0, 0, 0), (511, 0, 1), (100, 200, 300))[seed]
-        case = random_case(TINY, 1000, size, seed)
-        run = run_groups(TINY, *case, size, background=background, stall=stall, seed=seed)
-        assert run.differing == 0 and run.blocks > 0
+        run = mixed(TINY, 1000, size, seed, background=background).run(stall=stall, seed=seed)
+        assert run.blocks > 0
         if size == (64, 64):
             assert run.golden.counts["contributions"] > 1000 and run.golden.counts["ended"] > 50
 
@@ -118,18 +109,16 @@ def test_centres_at_the_other_end():
     group = np.array([columns - 1])
     start = np.where(np.arange(groups + 1) > group, count, 0)
     mask = np.full(count, (1 << ONE.group**2) - 1)
-    run = run_groups(ONE, features, Entries(start, np.arange(count), mask), size, group)
-    assert run.differing == 0 and run.golden.counts["contributions"] > 10 * 64**2
+    entries = Entries(start, np.arange(count), mask)
+    run = Lists(ONE, features, entries, size, chosen=group).run()
+    assert run.golden.counts["contributions"] > 10 * 64**2
 
 
 @pytest.mark.slow
 def test_groups_without_splats():
-    features = random_features(TINY, 4, (64, 64), 0)
-    groups = int(np.prod(group_grid(TINY, 64, 64)))
-    nothing = Entries(np.zeros(groups + 1, int), np.zeros(0, int), np.zeros(0, int))
     background = (10, 512, 255)
-    run = run_groups(TINY, features, nothing, (64, 64), background=background)
-    assert run.differing == 0 and run.blocks == 256
+    run = nothing(TINY, (64, 64), background=background).run()
+    assert run.blocks == 256
     full = (1 << TINY.weight) - 1  # of 2^weight
     bytes_ = [full * code / 2 ** (TINY.weight + TINY.colour_fraction - 8) for code in background]
     expected = [min(round(byte), 255) for byte in bytes_]
@@ -142,9 +131,9 @@ def test_queues_fill_and_run_empty():
     size, groups = (64, 64), np.tile(np.arange(4), 4)
     full = empty = 0
     for seed, (count, stall) in enumerate(((1000, 0), (1000, 0.3), (20, 0.3), (20, 0.8))):
-        case, background = random_case(TINY, count, size, seed), (0, 300 * (seed & 1), 0)
-        run = run_groups(TINY, *case, size, groups, background, stall=stall, seed=seed)
-        assert run.differing == 0
+        background = (0, 300 * (seed & 1), 0)
+        lists = mixed(TINY, count, size, seed, background=background, chosen=groups)
+        run = lists.run(stall=stall, seed=seed)
         samples = run.result.samples
         pairs_full = (samples["full"] >> 1 & (1 << TINY.rasterizers) - 1) != 0
         assert (count == 1000) <= run.counters["blocked"] <= pairs_full.sum()
@@ -157,17 +146,16 @@ def test_queues_fill_and_run_empty():
 @pytest.mark.parametrize("count", [20, 500])
 def test_counters(count):
     """They equal the golden model's if no pixel ends (hardware learns of ends cycles later)."""
-    size = (64, 64)
-    features, entries = random_case(TINY, count, size, 7)
-    features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
-    run = run_groups(TINY, features, entries, size)
+    lists = mixed(TINY, count, (64, 64), 7)
+    lists.features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
+    run = lists.run()
     golden, counters = run.golden.counts, run.counters
-    assert run.differing == 0 and golden["ended"] == 0 and golden["visited"] > count
+    assert golden["ended"] == 0 and golden["visited"] > count
     assert counters["splats"] == count and counters["dropped"] == 0
-    assert counters["pairs"] == golden["pairs"] == np.bitwise_count(entries.mask).sum()
+    assert counters["pairs"] == golden["pairs"] == np.bitwise_count(lists.entries.mask).sum()
     assert counters["empty"] == golden["far"] + golden["empty"] > 0
     for number in range(TINY.rasterizers):
-        blended = run.golden.work[:, number, WORK.index("visited")].sum()
+        blended = run.golden.work["visited"][:, number].sum()
         assert counters[f"blended{number}"] == blended
         assert blended < counters[f"waited{number}"] < run.result.cycles
     assert counters["blocked"] == 0
@@ -178,29 +166,23 @@ def test_few_blocks():
     """If a rasterizer has few blocks, the same block may be issued again right away."""
     size = (64, 64)
     for seed, stall in enumerate((0, 0, 0.3, 0.7)):
-        case = random_case(FEW, (40, 400)[seed & 1], size, seed)
         groups = np.tile(np.arange(16), 4)
-        assert run_groups(FEW, *case, size, groups, stall=stall, seed=seed).differing == 0
+        mixed(FEW, (40, 400)[seed & 1], size, seed, chosen=groups).run(stall=stall, seed=seed)
 
 
 @pytest.mark.slow
 def test_blocks_end_with_the_group():
     """Pixels ended by the last splat of a group are live again in the next group."""
-    size, count = (64, 64), 4 * 2
-    entries = Entries(np.arange(5) * 2, np.arange(count), np.full(count, 15))
+    lists = opaque(TINY, (64, 64), chosen=np.tile(np.arange(4), 4))
     for seed, stall in enumerate((0, 0.2, 0.5)):
-        case, groups = (opaque_features(TINY, count, size), entries), np.tile(np.arange(4), 4)
-        assert run_groups(TINY, *case, size, groups, stall=stall, seed=seed).differing == 0
+        lists.run(stall=stall, seed=seed)
 
 
 @pytest.mark.slow
 def test_stop():
     """Once all pixels have ended, no tile is live, and later splats change nothing."""
-    size = (32, 32)
-    features = opaque_features(TINY, 600, size)
-    entries = Entries(np.array([0, 600]), np.arange(600), np.full(600, 15))
-    run = run_groups(TINY, features, entries, size)
-    assert run.differing == 0 and (run.result.samples["live"] == 0).any()
+    run = opaque(TINY, (32, 32), each=600).run()
+    assert (run.result.samples["live"] == 0).any()
     assert run.golden.counts["entries"] < 10 and run.counters["dropped"] > 500
 
 
@@ -211,16 +193,19 @@ def test_without_early_termination(hardware):
     Whole machines are tested without early termination as well (`OTHER`).
     """
     config = replace(TINY, early_termination=False, faint=())
-    size = (64, 64)
-    features, entries = random_case(config, 500, size, 3)
-    features["opacity"][:] = 0
-    arguments = (features, entries, size)
-    whole, ending = rasterize(config, *arguments), rasterize(TINY, *arguments)
+    lists = mixed(config, 500, (64, 64), 3)
+    lists.features["opacity"][:] = 0
+    whole, ending = lists.golden, replace(lists, config=TINY).golden
     assert whole.counts["ended"] == 0 and ending.counts["ended"] > 100
     assert ending.counts["contributions"] < whole.counts["contributions"]
     if hardware:
-        run = run_groups(config, features, entries, size)
-        assert run.differing == 0 and run.counters["dropped"] == 0
+        assert lists.run().counters["dropped"] == 0
+
+
+def lists_of(config, splats, camera) -> Lists:
+    """Return the lists of the float64 reference's splats."""
+    entries = entries_of(config, splats, camera)
+    return Lists(config, features_of(config, splats), entries, (camera.width, camera.height))
 
 
 FITTING = [
@@ -236,11 +221,10 @@ FITTING = [
 def test_hard_cases(name):
     case = HARD[name](0)
     splats, _ = project(as_packed(case.scene.gaussians()), case.camera)
-    features, entries = features_of(TINY, splats), entries_of(TINY, splats, case.camera)
-    size = case.camera.width, case.camera.height
+    lists, size = lists_of(TINY, splats, case.camera), (case.camera.width, case.camera.height)
     for seed, stall in enumerate((0, 0.3, 0.7)):
-        run = run_groups(TINY, features, entries, size, stall=stall, seed=seed)
-        assert run.differing == 0 and run.blocks * BLOCK**2 >= size[0] * size[1]
+        run = lists.run(stall=stall, seed=seed)
+        assert run.blocks * BLOCK**2 >= size[0] * size[1]
 
 
 @pytest.mark.slow
@@ -251,7 +235,7 @@ def test_from_splats_to_pixels(stall):
     camera = generated_camera("garden", 64, 64)
     frame = render_golden(TINY, model, camera)
     splats = splat_codes(TINY, frame.points.projected)
-    binned, _ = check_binning("TINY", [Frame(splats, *SIZES[0])], stall)
+    binned, _ = check_binning(TINY, [Frame(splats, *SIZES[0])], stall)
     lists = read_memory(TINY, binned)
     entries = entry_record(TINY).unpack(np.concatenate(lists))
     counts = np.array([len(rows) for rows in lists])
@@ -260,32 +244,31 @@ def test_from_splats_to_pixels(stall):
     start = np.concatenate([[0], np.cumsum(counts)])
     splat, mask = (ordered[name][given].astype(np.int64) for name in ("splat", "mask"))
     features = feature_record(TINY).unpack(binned.outputs["features"])
-    run = run_groups(TINY, features, Entries(start, splat, mask), SIZES[0], stall=stall)
-    assert run.differing == 0 and (run.golden.pixels == frame.pixels).all()
+    run = Lists(TINY, features, Entries(start, splat, mask), SIZES[0]).run(stall=stall)
+    assert (run.golden.pixels == frame.pixels).all()
     assert counts.min() > 20 and frame.pixels.std() > 10
 
 
 @functools.cache
 def scene_groups(name: str):
-    """Return a real scene's features and lists, and at least 20 groups, the heaviest included."""
+    """Return a real scene's lists of at least 20 groups, the heaviest included."""
     gaussians = read_scene(scene_path(name)).gaussians()
     camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")
     gaussians = as_packed(replace(gaussians, sh=gaussians.sh[:, :4]))
     splats, _ = project(gaussians, camera)
-    entries = entries_of(DEFAULT, splats, camera)
-    order = np.argsort(np.diff(entries.start))
+    lists = lists_of(ONE, splats, camera)
+    order = np.argsort(np.diff(lists.entries.start))
     chosen = np.concatenate([order[-12:], order[:: len(order) // 12][:12]])
-    size = camera.width, camera.height
-    return features_of(DEFAULT, splats), entries, size, np.unique(chosen)
+    return replace(lists, chosen=np.unique(chosen))
 
 
 @pytest.mark.parametrize("name", parameters(SCENES, 2))
 def test_scenes(name):
     """On one of DEFAULT's rasterizers; whole machines render with all of them."""
-    features, entries, size, groups = scene_groups(name)
+    lists = scene_groups(name)
     for stall in (0, 0.3):
-        run = run_groups(ONE, features, entries, size, groups, stall=stall)
-        assert run.differing == 0 and len(groups) >= 20
+        lists.run(stall=stall)
+    assert len(lists.groups) >= 20
 
 
 @pytest.mark.parametrize("name", ["garden", *HARD])
@@ -297,10 +280,9 @@ def test_against_the_reference(name):
     camera = case.camera if case else generated_camera("garden", 320, 180)
     gaussians = as_packed(scene.gaussians())
     splats, _ = project(gaussians, camera)
-    size = camera.width, camera.height
-    features, entries = features_of(DEFAULT, splats), entries_of(DEFAULT, splats, camera)
-    arguments = (DEFAULT, features, entries, size)
-    golden, all_blocks = rasterize(*arguments), rasterize(*arguments, mark_all=True)
+    lists = lists_of(DEFAULT, splats, camera)
+    arguments = (DEFAULT, lists.features, lists.entries, lists.size)
+    golden, all_blocks = lists.golden, rasterize(*arguments, mark_all=True)
     assert (golden.pixels == all_blocks.pixels).all()
     assert golden.counts["contributions"] == all_blocks.counts["contributions"]
     error = golden.pixels / 255 - np.clip(render(gaussians, camera, RULE).image, 0, 1)

@@ -1,6 +1,5 @@
 """Stage 2 against its golden model: order, marks, stops, cycles."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -13,52 +12,30 @@ from splatcore.hdl.sorting.sort import COUNTED, Sort
 from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Result, Simulation
-from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.spec.config import TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
 from splatcore.study.bench.sort import BOUND, BOUND_FROM
-from splatcore.study.bench.sort_rows import KEYS, entries_of, sort_rows
-from tb.helpers.runs import check_run, compiled, counters
-from tb.helpers.variants import faults_are_found
+from splatcore.study.bench.sort_rows import KEYS, entries_of
+from tb.helpers.configs import MACHINES, machines
+from tb.helpers.runs import compiled, counters, faults_are_found
+from tb.stages.sorting import sort_case
 
-MACHINES = {
-    "TINY": TINY,
-    "DEFAULT": DEFAULT,
-    "four": replace(
-        TINY, sub_sorter="trees", sub_sorters=4, merge_ways=16, sort_digits=PAPER.sort_digits
-    ),
-    "one": replace(TINY, sub_sorter="trees", sub_sorters=1, merge_ways=2, sort_digits=(1,) * 23),
-    "three": replace(
-        TINY,
-        sub_sorter="trees",
-        sub_sorters=3,
-        merge_ways=8,
-        sub_sorter_entries=32,
-        sort_digits=(5, 3),
-    ),
-}
+SORTERS = machines("TINY DEFAULT four one three")
 
 SAMPLES = ("o__valid", "o__payload")
-
-NARROW = replace(TINY, sort_digits=(1,) * 8)
-CONFIGS = MACHINES | {"NARROW": NARROW}
-"""With `NARROW` for planted faults: there are many, and small machines compile fast."""
 
 MIXED = (30, 5, 0, 0, 64, 63, 1, 33, 57, 16, 17, 15, 48)
 """Lengths around a batch and a half of TINY."""
 
 
-def check(
-    name: str, kind: str, counts, stall: float = 0, seed: int = 0, part=None, last=1, **constants
-) -> Result:
+def check(name: str, kind: str, counts, part=None, last=1, **options) -> Result:
     """Run, and compare every stream with the golden model's. last: per job, it ends a group."""
-    config = CONFIGS[name]
-    rows = sort_rows(config, np.array(counts, int), entries_of(config, kind, counts, seed), last)
+    config = MACHINES[name]
+    entries = entries_of(config, kind, counts, options.get("seed", 0))
     part = part or compiled(Sort, config, samples=SAMPLES)
-    return check_run(
-        part, rows.inputs, rows.expected, f"{kind} {counts}: ",
-        constants={"stop": 0, "clear": 0} | constants, stall=stall, seed=seed, idle_max=3000,
-    )  # fmt: skip
+    case = sort_case(config, counts, entries, last)
+    return case.check(part, f"{kind} {counts}: ", idle_max=3000, **options)
 
 
 def groups_of(counts, seed: int = 0) -> np.ndarray:
@@ -83,9 +60,9 @@ def test_tiny_equals_golden(kind):
     for count in (0, 1, 2, 15, 16, 17, 31, 63, 64):
         check("TINY", kind, [count])
     for seed, stall in enumerate((0, 0.2, 0.5, 0.8)):
-        check("TINY", kind, MIXED, stall, seed)
-        check("TINY", kind, MIXED, stall, seed, last=groups_of(MIXED, seed))
-        check("TINY", kind, [16] * 12 + [40] * 12, stall, seed)
+        check("TINY", kind, MIXED, stall=stall, seed=seed)
+        check("TINY", kind, MIXED, stall=stall, seed=seed, last=groups_of(MIXED, seed))
+        check("TINY", kind, [16] * 12 + [40] * 12, stall=stall, seed=seed)
 
 
 @pytest.mark.slow
@@ -94,7 +71,7 @@ def test_other_sizes_equal_golden(name):
     half = half_entries(MACHINES[name])
     for seed, (kind, stall) in enumerate(product(KEYS, (0, 0.4))):
         counts = [min(count, half) for count in (*MIXED, 700)]
-        check(name, kind, counts, stall, seed, last=groups_of(counts, seed))
+        check(name, kind, counts, stall=stall, seed=seed, last=groups_of(counts, seed))
 
 
 @pytest.mark.slow
@@ -110,7 +87,7 @@ def test_whole_halves_equal_golden(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", SORTERS)
 def test_cycles_of_a_list(name, kind):
     """Within `BOUND` (except with a single sub-sorter) and 3 % of the model, for any keys."""
     config = MACHINES[name]
@@ -124,7 +101,7 @@ def test_cycles_of_a_list(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", SORTERS)
 def test_cycles_of_many_groups(name):
     """As in the model; 2 per entry and some per group, if one sub-sorter loads as another sends."""
     config, random = MACHINES[name], np.random.default_rng(5)
@@ -141,7 +118,7 @@ def test_cycles_of_many_groups(name):
 
 @pytest.mark.slow
 def test_counters():
-    result = check("TINY", "random", MIXED, 0.3)
+    result = check("TINY", "random", MIXED, stall=0.3)
     counted = counters(COUNTED, result.ports["counters"])
     assert counted["entries"] == counted["given"] == sum(MIXED)
     assert 0 < counted["sorting"] < result.cycles
@@ -165,17 +142,17 @@ def marks_taken(result: Result) -> np.ndarray:
 )
 def test_stop(counts, last, stall):
     """A stop in any cycle: the current group ends soon, in order; all others come whole."""
-    rows = sort_rows(TINY, np.array(counts), entries_of(TINY, "clustered", counts), last)
+    case = sort_case(TINY, counts, entries_of(TINY, "clustered", counts), last)
 
     def run(stop) -> Result:
         constants = {"stop": np.array(stop, np.uint64), "clear": 0}
         return compiled(Sort, TINY, samples=SAMPLES).run(
-            rows.inputs, constants=constants, stall=stall, seed=1, idle_max=400
+            case.inputs, constants=constants, stall=stall, seed=1, idle_max=400
         )
 
     ends = np.flatnonzero(last)
     lengths = np.diff(np.append(0, np.cumsum(counts)[ends]))
-    whole = np.split(rows.expected["o"], np.cumsum(lengths)[:-1] + np.arange(1, len(ends)))
+    whole = np.split(case.expected["o"], np.cumsum(lengths)[:-1] + np.arange(1, len(ends)))
     never = marks_taken(run([0]))
     assert len(never) == len(ends)
     shortened = 0
@@ -206,18 +183,8 @@ FAULTS = {
     "a found entry is lost": (Merge, "_advance", "waits | arrives", "waits"),
     "a place is read early": (Merge, "_fetch", "self.waits & left", "self.waits"),
     "a batch too long": (Runs, "_cut", "slot.index.all() | ", ""),
-    "a run in the wrong half": (
-        Runs,
-        "_write",
-        "payload.to.half == number",
-        "payload.to.half == 0",
-    ),
-    "a run in the way before": (
-        Sorter,
-        "_batches",
-        "begins.eq(i.payload.entry.last)",
-        "begins.eq(0)",
-    ),
+    "a run in the wrong half": (Runs, "_write", "to.half == number", "to.half == 0"),
+    "a run in the way before": (Sorter, "_batches", "eq(i.payload.entry.last)", "eq(0)"),
     "a half is not cleared": (Half, "elaborate", "self.written.eq(0)", "self.written[0].eq(0)"),
     "a mark behind each job": (Sort, "_control", "m.If(job.last)", "m.If(1)"),
     "a mark before its entries": (Sort, "_control", " & ~self.looking & ~self.found", ""),
@@ -229,8 +196,8 @@ def check_all(part: Simulation, fault: int):
     """Check that passes without a fault and fails with each one."""
     for seed, stall in enumerate((0, 0.5)):
         for kind, counts in (("equal", [*MIXED, 64, 61]), ("clustered", [*MIXED, 30, 64])):
-            last = groups_of(counts, seed)
-            check("NARROW", kind, counts, stall, seed, part, last, fault=fault)
+            last, constants = groups_of(counts, seed), {"fault": fault}
+            check("NARROW", kind, counts, part, last, stall=stall, seed=seed, constants=constants)
 
 
-test_fault_is_found = faults_are_found(lambda: Sort(NARROW), FAULTS, check_all)
+test_fault_is_found = faults_are_found(lambda: Sort(MACHINES["NARROW"]), FAULTS, check_all)

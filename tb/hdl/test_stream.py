@@ -1,69 +1,79 @@
-"""Stream primitives under all stall patterns: order, latency, capacity and throughput in cycles."""
+"""Stream primitives: latency, throughput, capacity and level in cycles, under stalls."""
 
 import gc
+from dataclasses import replace
+from functools import cache
 
+import numpy as np
 import pytest
 
-from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue, Register, Slot, Stage
-from splatcore.sim.rtl.cocotb_runner import run_testbench
-from tb.helpers.parts import Piped, SideBySide
-from tb.helpers.runs import needs_icarus
+from splatcore.hdl.lib.stream import MEMORY_DEPTH_MIN, Fork, Pipe, Queue
+from tb.helpers.runs import compiled
+from tb.stages.primitives import ITEMS, PROMISES, Primitives, Promise, items
 
-WIDTH = 16
+HELD = 40  # cycles for which outputs are stalled
 
-
-def part(component, latency: int, capacity: int, outputs: int = 1, pace: int = 1) -> tuple:
-    """Return a component and its docstring's promises. pace: cycles per item"""
-    level = hasattr(component, "level")
-    promise = {"latency": latency, "capacity": capacity, "outputs": outputs, "level": level}
-    promise["pace"] = pace
-    return component, promise
+LEVELS = tuple(f"{name}__level" for name in PROMISES if name[:5] in ("queue", "memor"))
 
 
-PARTS = {
-    "register": part(Register(WIDTH), 1, 2),
-    "slot": part(Slot(WIDTH), 1, 1, pace=2),
-    "stage": part(Stage(WIDTH), 1, 1),
-    **{f"queue_{n}": part(Queue(WIDTH, n), 1, n) for n in (2, 5, 8)},
-    **{f"memory_{n}": part(Queue(WIDTH, n, memory=True), 2, n) for n in (3, 8)},
-    "fork": part(Fork(WIDTH, 3), 0, 0, outputs=3),
-    **{f"pipe_{n}": part(Piped(WIDTH, n), n, n) for n in (1, 4)},
-}
+@cache
+def run(held: int, stall: float = 0) -> dict[str, np.ndarray]:
+    """Run all parts; the samples of their transfers and levels."""
+    part = compiled(Primitives, samples=("comes", "goes", *LEVELS))
+    constants = {"hold": np.repeat([1, 0], [held, 1])}
+    return items().check(part, stall=stall, constants=constants).samples
 
 
-PROMISES = {name: promise for name, (_, promise) in PARTS.items()}
+def transfers(name: str, held: int, stall: float = 0) -> tuple[np.ndarray, np.ndarray]:
+    """One bit per cycle: an item enters, an item leaves."""
+    place = list(PROMISES).index(name)
+    return tuple(run(held, stall)[way].astype(int) >> place & 1 for way in ("comes", "goes"))
 
 
-def run(simulator: str, promises: dict, few: bool):
-    beside = SideBySide({name: component for name, (component, _) in PARTS.items()})
-    run_testbench(beside, "tb.testbenches.stream", simulator=simulator, parts=promises, few=few)
-
-
-@pytest.mark.slow
-def test_under_verilator():
-    run("verilator", PROMISES, few=False)
+def check(name: str, promise: Promise):
+    """Without stalls an item comes out every `pace` cycles, `latency` cycles after its input. With
+    a stalled output exactly `capacity` items fit; afterwards all leave without a gap."""
+    steps = np.arange(ITEMS) * promise.pace
+    comes, goes = (np.flatnonzero(bits) for bits in transfers(name, 0))
+    np.testing.assert_array_equal(comes, comes[0] + steps)
+    np.testing.assert_array_equal(goes, comes[0] + promise.latency + steps)
+    comes, goes = transfers(name, HELD)
+    assert comes[:HELD].sum() == promise.capacity
+    np.testing.assert_array_equal(np.flatnonzero(goes), HELD + steps)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name, promise, test",
-    [
-        ("pipe_4", "latency", "throughput"),
-        ("slot", "pace", "throughput"),
-        ("queue_5", "capacity", "capacity"),
-    ],
-)
-def test_broken_promise_is_named(name, promise, test):
-    """The testbench fails, and names test and part, if a promise is off by one."""
-    broken = PROMISES[name] | {promise: PROMISES[name][promise] - 1}
-    with pytest.raises(AssertionError, match=rf"tb\.testbenches\.stream\.{test}/part={name}"):
-        run("verilator", {name: broken, "fork": PROMISES["fork"]}, few=True)
+@pytest.mark.parametrize("stall", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("level", LEVELS)
+def test_level(level, stall):
+    """In every cycle it is the number of items inside."""
+    comes, goes = transfers(level.removesuffix("__level"), 0, stall)
+    np.testing.assert_array_equal(run(0, stall)[level][1:], np.cumsum(comes - goes)[:-1])
 
 
-@needs_icarus
 @pytest.mark.slow
-def test_under_icarus():
-    run("icarus", PROMISES, few=True)
+@pytest.mark.parametrize("name", PROMISES)
+def test_promises(name):
+    check(name, PROMISES[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("promise", ["latency", "pace", "capacity"])
+@pytest.mark.parametrize("name", ["pipe_4", "slot", "queue_5", "memory_3"])
+def test_broken_promise_is_found(name, promise):
+    wrong = {promise: getattr(PROMISES[name], promise) - 1}
+    with pytest.raises(AssertionError):
+        check(name, replace(PROMISES[name], **wrong))
+
+
+@pytest.mark.slow
+def test_a_wrong_bit_is_named():
+    case = items()
+    case.expected["queue_5__o"] = case.expected["queue_5__o"].copy()
+    case.expected["queue_5__o"][ITEMS // 2, 0] ^= 1
+    part = compiled(Primitives, samples=("comes", "goes", *LEVELS))
+    with pytest.raises(AssertionError, match=f"queue_5__o: 1 differ, first {ITEMS // 2}"):
+        case.check(part)
 
 
 @pytest.mark.filterwarnings("ignore::amaranth.hdl.UnusedElaboratable")

@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In
 
-from splatcore.hdl.lib.record import layout
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.memory.words import BURSTS_WAITING, Words
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, read_record
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
+from tb.helpers.configs import PORTS
+from tb.helpers.memory_port import answer_reads
 from tb.helpers.parts import forward
-from tb.helpers.ports import PORTS
 from tb.helpers.runs import compiled
 
 LENGTH_MAX = 4  # beats per burst
@@ -58,31 +58,15 @@ class Memory(wiring.Component):
             m.d.sync += left.eq(left - 1)
         with m.Elif(self.i.valid & self.i.ready):
             m.d.sync += left.eq(self.pause)
-        m.submodules.queue = queue = Queue(layout(read_record()), IN_FLIGHT)
-        asked, burst, back = words.reads, queue.o.payload, words.data
-        m.d.comb += [
-            self.bursts.payload.eq(asked.payload),
-            queue.i.payload.eq(asked.payload),
-            self.bursts.valid.eq(asked.valid & queue.i.ready),
-            queue.i.valid.eq(asked.valid & self.bursts.ready),
-            asked.ready.eq(self.bursts.ready & queue.i.ready),
-        ]
-        place, turn = Signal(4), Signal(32)
-        beat = Signal(BEAT_ADDRESS_BITS)
-        fire = back.valid & back.ready
-        word = Signal(DATA_BITS)
-        m.d.comb += [
-            beat.eq(burst.beat + (place << 1)),
-            word.eq(Cat(beat, turn)),
-            back.payload.beat.eq(Cat(word, word | 1)),
-            back.payload.last.eq(place == burst.length),
-            back.valid.eq(queue.o.valid & self.pace.valid),
-            self.pace.ready.eq(queue.o.valid & back.ready),
-            queue.o.ready.eq(fire & back.payload.last),
-        ]
-        with m.If(fire):
-            m.d.sync += place.eq(Mux(back.payload.last, 0, place + 1))
-            m.d.sync += turn.eq(turn + back.payload.last)
+        turn = Signal(32)
+
+        def content(number: Value) -> Value:
+            beat, word = Signal(BEAT_ADDRESS_BITS), Signal(DATA_BITS)
+            m.d.comb += [beat.eq(number << 1), word.eq(Cat(beat, turn))]
+            return Cat(word, word | 1)
+
+        answer_reads(m, PORTS[256], words, self.bursts, self.pace, IN_FLIGHT, content)
+        m.d.sync += turn.eq(turn + (passes(words.data) & words.data.payload.last))
         return m
 
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from splatcore.hdl.memory.write_combiner import WriteCombiner
-from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, LINE_BEATS, port_bytes, write_record
+from splatcore.spec.axi import BEAT, BEAT_ADDRESS_BITS, LINE, port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.number import Bits
 from splatcore.spec.record import Array, Record
 from splatcore.spec.work import FEATURE, SLOT
-from tb.helpers.ports import PORTS
+from tb.helpers.configs import PORTS
+from tb.helpers.memory_port import Writes
 from tb.helpers.runs import compiled
 
 WORD = 8  # bytes of the words that slots consist of here
@@ -52,21 +53,17 @@ def lines(slot: np.ndarray, data: np.ndarray, size: int) -> list[dict[int, int]]
 
 def written(config: Config, rows: np.ndarray, size: int) -> list[dict[int, int]]:
     """Return the lines written, each slot → first word; checks that a slot's words count up."""
-    codes, count = write_record(config).unpack(rows), LINE // port_bytes(config)
-    assert (codes["length"] == count - 1).all() and len(rows) % count == 0
-    beat = codes["beat"].astype(np.int64).reshape(-1, count)
-    assert (beat == beat[:, :1]).all() and (beat % LINE_BEATS == 0).all()
-    slots, words = port_bytes(config) // size, size // WORD  # per beat, per slot
-    first = (beat * BEAT // size + slots * np.arange(count)).reshape(-1)
+    writes, count = Writes.of(config, rows), LINE // port_bytes(config)
+    assert (writes.length == count).all() and (writes.first % LINE == 0).all()
+    slots = writes.address[:, ::size] // size
+    strobe = writes.strobe.reshape(*slots.shape, size)
+    assert (strobe == strobe[..., :1]).all()
+    words = writes.data.view("<u8").reshape(*slots.shape, -1)
     found = [{} for _ in range(len(rows) // count)]
-    whole = (1 << size) - 1
-    for place in range(slots):
-        strobe = codes["strobe"].astype(np.int64) >> size * place & whole
-        assert np.isin(strobe, (0, whole)).all()
-        data = [codes[f"data{words * place + k}"] for k in range(words)]
-        for k in np.flatnonzero(strobe):
-            found[k // count][int(first[k] + place)] = int(data[0][k])
-            assert all(int(word[k]) == int(data[0][k]) + n for n, word in enumerate(data))
+    for k, place in zip(*np.nonzero(strobe[..., 0]), strict=True):
+        first = int(words[k, place, 0])
+        found[k // count][int(slots[k, place])] = first
+        assert (words[k, place] == first + np.arange(size // WORD)).all()
     return found
 
 

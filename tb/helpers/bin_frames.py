@@ -1,6 +1,6 @@
 """Binning under test: frame registers as a stream, frames as rows, exact tiles."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from amaranth.hdl import Cat, Module, Mux, Signal
@@ -14,7 +14,7 @@ from splatcore.hdl.lib.holds import holds
 from splatcore.hdl.lib.record import layout
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
-from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.config import Config
 from splatcore.spec.convention import ALPHA_MIN, TILE
 from splatcore.spec.feature import feature_record
 from splatcore.spec.frame import POWER_SCALE
@@ -24,16 +24,7 @@ from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Record
 from tb.helpers.parts import forward
-from tb.helpers.runs import check_run, compiled, counters
-
-SHORT = replace(TINY, name="SHORT", sort_digits=(1,) * 19, group=1)
-"""A machine whose keys do not cover all depths, and whose groups are single tiles."""
-
-SQUARE = replace(TINY, name="SQUARE", tile_test="3sigma")
-
-FP16 = replace(PAPER, name="FP16", tile_test="exact")
-
-MACHINES = {config.name: config for config in (DEFAULT, TINY, SHORT, SQUARE, PAPER, FP16)}
+from tb.helpers.runs import Case, compiled, counters
 
 SIZE_BITS = 13
 
@@ -147,15 +138,17 @@ def bin_frame(config: Config, frame: Frame) -> Binned:
     return bin_splats(config, frame.splats, frame.width, frame.height, frame.pages)
 
 
-def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
+def bin_case(config: Config, frames: list[Frame], results: list[Binned] | None = None) -> Case:
+    """Frames one after the other. results: of the golden model, if known."""
+    results = results or [bin_frame(config, frame) for frame in frames]
+    return Case(rows_in(config, frames), rows_out(config, results))
+
+
+def check(config: Config, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
     """Compare all streams bit by bit, and the counters. Returns the run and the golden results."""
-    config = MACHINES[name]
     results = [bin_frame(config, frame) for frame in frames]
-    expected = rows_out(config, results)
-    run = check_run(
-        compiled(BinFrames, config, samples=SAMPLES), rows_in(config, frames), expected,
-        stall=stall, seed=seed,
-    )  # fmt: skip
+    case, part = bin_case(config, frames, results), compiled(BinFrames, config, samples=SAMPLES)
+    run = case.check(part, stall=stall, seed=seed)
     counted = counters(COUNTED, run.ports["counters"])
     blocked = counted.pop("blocked")
     assert not blocked if stall == 0 else blocked < run.cycles
@@ -164,7 +157,7 @@ def check(name: str, frames: list[Frame], stall: float, seed: int = 0) -> tuple:
         "kept": sum(len(result.kept) for result in results),
         "rows": sum(result.rows for result in results),
         "entries": sum(len(result.group) for result in results),
-        "bursts": len(expected["bursts"]),
+        "bursts": len(case.expected["bursts"]),
     }
     return run, results
 
@@ -253,10 +246,7 @@ def compare_tiles(
     ellipses = ellipses or Ellipses.of(config, frame.splats)
     splats = np.arange(len(frame)) if splats is None else splats
     width, height = frame.width, frame.height
-    exact = touched(
-        ellipses.centre, ellipses.conic, ellipses.reach, ellipses.boxes(width, height),
-        width, height, exact=True,
-    )  # fmt: skip
+    exact = touched(ellipses, ellipses.boxes(width, height), width, height, exact=True)
     columns = -(-width // TILE)
     tile = np.repeat(np.arange(len(exact.start) - 1), np.diff(exact.start))
     splat, row, column = found_tiles(config, frame, found)

@@ -22,10 +22,17 @@ from splatcore.spec.memory import (
     chunk_count,
 )
 from splatcore.spec.packed import PackedModel, checksum
-from splatcore.spec.point import point_record, projecting_record, splat_record
+from splatcore.spec.point import point_record, projecting_record
 from splatcore.spec.record import Record
-from tb.helpers.point_rows import attribute_rows, exponents, wanted_rows, write_rows
-from tb.helpers.runs import Rows
+from tb.helpers.point_rows import (
+    attribute_rows,
+    codebook_rows,
+    packed_splats,
+    registers,
+    wanted_rows,
+)
+from tb.helpers.runs import Case
+from tb.stages.points import PARTS, constants
 
 Draw = Callable[[np.random.Generator, tuple[int, ...]], np.ndarray]
 """Random bytes."""
@@ -112,13 +119,10 @@ def random_rays(config: Config, rng: np.random.Generator, count: int) -> dict[st
     return {f"ray_{a}": config.arithmetic.round(way[:, k]) for k, a in enumerate("xyz")}
 
 
-def project_rows(
+def project_case(
     config: Config, model: PackedModel, rng: np.random.Generator, kept: float = 0.8
-) -> tuple[Rows, Rows, dict[str, int]]:
-    """Rows of the projection's input and output streams, and its registers.
-
-    The points have a model's attributes, but random coordinates and rays.
-    """
+) -> Case:
+    """The projection of points with a model's attributes, but random coordinates and rays."""
     frame = frame_constants(config, generated_camera("garden"), 0, 0)
     index = np.arange(len(model))
     last = (index % CHUNK == CHUNK - 1) | (index == len(model) - 1)
@@ -140,24 +144,14 @@ def project_rows(
     chunks["step"] = model.chunks["step"].astype(np.uint64)
     found = project(config, frame, model, {n: p[chosen] for n, p in points.items()}, chosen)
     found |= {name: points[name][chosen] for name in low}
-    splats = splat_record(config)
-    for name in ("red", "green", "blue"):
-        found.setdefault(name, found.get(f"colour_{name}"))
-    inputs = {
-        "i": record.pack({name: code[sent] for name, code in codes.items()}),
-        "chunks": projecting_record().pack(chunks),
-        "attributes": attribute_rows(model, chosen),
-        "write": write_rows(config, model),
-    }
-    expected = {
-        "wanted": wanted_rows(model, chosen),
-        "o": splats.pack({name: format.encode(found[name]) for name, format in splats.fields}),
-    }
-    registers = {
-        "constants": {n: int(config.arithmetic.encode(v)) for n, v in frame.constants.items()},
-        "sh": int(model.format.sh_degree > 0),
-        "codebooks": int(model.format.codebooks),
-        "small": int(model.format.small),
-        "exponent": exponents(model),
-    }
-    return inputs, expected, registers
+    return Case(
+        {
+            "i": record.pack({name: code[sent] for name, code in codes.items()}),
+            "chunks": projecting_record().pack(chunks),
+            "attributes": attribute_rows(model, chosen),
+            "write": codebook_rows(config, model),
+        },
+        {"wanted": wanted_rows(model, chosen), "o": packed_splats(config, found)},
+        constants(PARTS["project"](config), registers(config, frame, model)),
+        first=("write",),
+    )

@@ -16,6 +16,18 @@ def nothing(*_):
     """A progress callback that does nothing."""
 
 
+def noted(monkeypatch, module, name: str) -> list[tuple]:
+    """Arguments (by position) of each call of a module's function, from now on."""
+    calls, right = [], getattr(module, name)
+
+    def call(*given, **options):
+        calls.append(given)
+        return right(*given, **options)
+
+    monkeypatch.setattr(module, name, call)
+    return calls
+
+
 def garden_with_harmonics(count: int = 700, strength: float = 0.05, seed: int = 1) -> Scene:
     """A garden with harmonics up to degree 3."""
     garden, rng = generate("garden", count), np.random.default_rng(seed)

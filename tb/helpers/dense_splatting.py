@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from splatcore.spec.camera import Camera
-from splatcore.spec.convention import SPLATCORE, Convention
+from splatcore.spec.convention import SPLATCORE
 
 C0 = 0.28209479177387814
 C1 = 0.4886025119029199
@@ -53,14 +53,13 @@ class Decisions:
 
 
 def dense_render(
-    position, factor, opacity, sh, camera: Camera, shift=None, convention: Convention = SPLATCORE,
-    antialiased: bool = False,
-) -> Dense:  # fmt: skip
+    position, factor, opacity, sh, camera: Camera, shift=None, antialiased: bool = False
+) -> Dense:
     """The interface of `model.gradients.differentiable.render`, for float64 tensors."""
     decisions = Decisions()
     turn, move = torch.tensor(camera.rotation), torch.tensor(camera.translation)
     point = position @ turn.T + move
-    colour = colours(position - torch.tensor(camera.position), sh, convention, decisions)
+    colour = colours(position - torch.tensor(camera.position), sh, decisions)
     y, x = (torch.tensor(a, dtype=torch.float64) for a in np.mgrid[: camera.height, : camera.width])
     image = torch.zeros(camera.height, camera.width, 3, dtype=torch.float64)
     rest, live = torch.ones_like(x), torch.ones_like(x, dtype=torch.bool)
@@ -68,54 +67,53 @@ def dense_render(
     for n in np.argsort(point[:, 2].detach().numpy(), kind="stable"):
         if decisions.below("near", point[n, 2], camera.near * (1 + 1e-15)):
             continue
-        u, v = centre(point[n], camera, convention)
+        u, v = centre(point[n], camera)
         if shift is not None:
             u, v = u + shift[n, 0], v + shift[n, 1]
-        half = on_screen(point[n], factor[n], camera, convention, decisions)
-        blur = convention.covariance_blur * torch.eye(2, dtype=torch.float64)
+        half = on_screen(point[n], factor[n], camera, decisions)
+        blur = SPLATCORE.covariance_blur * torch.eye(2, dtype=torch.float64)
         conic = torch.linalg.inv(half @ half.T + blur)
         offset = torch.stack([x - u, y - v], dim=-1)  # [H, W, 2]
-        strength = opacity[n] * (compensation(half, convention) if antialiased else 1)
+        strength = opacity[n] * (compensation(half) if antialiased else 1)
         free = strength * torch.exp(-0.5 * ((offset @ conic) * offset).sum(-1))
-        opaque = ~decisions.below("not opaque", free, convention.alpha_max, live)
+        opaque = ~decisions.below("not opaque", free, SPLATCORE.alpha_max, live)
         decisions.counts["opaque"] = decisions.counts.get("opaque", 0) + int((opaque & live).sum())
-        alpha = torch.where(opaque, torch.full_like(free, convention.alpha_max), free)
-        meets = live & ~decisions.below("faint", alpha, convention.alpha_min, live)
+        alpha = torch.where(opaque, torch.full_like(free, SPLATCORE.alpha_max), free)
+        meets = live & ~decisions.below("faint", alpha, SPLATCORE.alpha_min, live)
         following = rest * (1 - alpha)
-        ends = decisions.below("ended", following, convention.transmittance_min, meets) & meets
+        ends = decisions.below("ended", following, SPLATCORE.transmittance_min, meets) & meets
         live, blends = live & ~ends, meets & ~ends
         weight = torch.where(blends, rest * alpha, torch.zeros_like(rest))
         image = image + weight[..., None] * colour[n]
         rest = torch.where(blends, following, rest)
         weights[n] = weight.sum()
     weight = torch.stack(weights) if weights else opacity.clone()
-    image = image + rest[..., None] * torch.tensor(convention.background, dtype=torch.float64)
     return Dense(image, rest, weight, decisions.counts, decisions.margin)
 
 
-def centre(point, camera, convention):
+def centre(point, camera):
     """Pixel coordinates of a point [3] in camera space."""
-    away = convention.principal_point_shift + convention.pixel_centre
+    away = SPLATCORE.principal_point_shift + SPLATCORE.pixel_centre
     u = camera.fx * point[0] / point[2] + camera.cx - away
     return u, camera.fy * point[1] / point[2] + camera.cy - away
 
 
-def compensation(half, convention) -> torch.Tensor:
+def compensation(half) -> torch.Tensor:
     """√(det Σ / det(Σ + blur)) of Σ = half·halfᵀ, for half [2, 3].
 
     Computed from the eigenvalues of Σ (squares of the singular values of `half`), so that no
     digits cancel.
     """
     axes = torch.linalg.svdvals(half)
-    return (axes / (axes**2 + convention.covariance_blur).sqrt()).prod()
+    return (axes / (axes**2 + SPLATCORE.covariance_blur).sqrt()).prod()
 
 
-def on_screen(point, factor, camera, convention, decisions) -> torch.Tensor:
+def on_screen(point, factor, camera, decisions) -> torch.Tensor:
     """J·R·factor [2, 3] in pixels, a factor of the splat's covariance."""
     rows = []
     for axis, focal in ((0, camera.fx), (1, camera.fy)):
         side = (camera.width, camera.height)[axis]
-        limit = convention.frustum_margin * side / (2 * focal)
+        limit = SPLATCORE.frustum_margin * side / (2 * focal)
         slope = point[axis] / point[2]
         if not decisions.below("within", slope.abs(), limit):
             slope = torch.sign(slope.detach()) * limit
@@ -126,10 +124,10 @@ def on_screen(point, factor, camera, convention, decisions) -> torch.Tensor:
     return torch.stack(rows) @ torch.tensor(camera.rotation) @ factor
 
 
-def colours(ray, sh, convention, decisions) -> torch.Tensor:
+def colours(ray, sh, decisions) -> torch.Tensor:
     """RGB [N, 3] ≥ 0 along rays [N, 3] from the camera."""
     x, y, z = (ray / ray.norm(dim=1, keepdim=True)).T[..., None]
-    colour = convention.colour_offset + C0 * sh[:, 0]
+    colour = SPLATCORE.colour_offset + C0 * sh[:, 0]
     if sh.shape[1] > 1:
         colour = colour - C1 * y * sh[:, 1] + C1 * z * sh[:, 2] - C1 * x * sh[:, 3]
     if sh.shape[1] > 4:

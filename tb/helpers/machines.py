@@ -11,6 +11,8 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.counted import attribute_beats, counted
 from splatcore.sim.machine.machine import Job, Run
+from splatcore.sim.machine.script import IDEAL, Timing
+from splatcore.sim.soak.machines import machine
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
@@ -42,8 +44,13 @@ def long_needles() -> hard_case.HardCase:
     return hard_case.HardCase(scene, camera, "lengths up to 30 times the screen's width")
 
 
-def check(config: Config, run: Run, *jobs: Job):
-    """Compare all frames of a run, and their counters, with the golden model's."""
+ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
+"""Slow memory with random stalls."""
+
+
+def check(config: Config, jobs: list[Job], timing: Timing = IDEAL) -> Run:
+    """Render frames on the machine; compare their pixels and counters with the golden model's."""
+    run = machine(config).run(jobs, timing)
     assert run.done, run.why
     assert not run.report.outside, run.why
     for rendered, job in zip(run.frames, jobs, strict=True):
@@ -53,3 +60,4 @@ def check(config: Config, run: Run, *jobs: Job):
         assert {name: read[name] for name in wanted} == wanted
         least, most = attribute_beats(config, job.model, frame)
         assert least <= read.get("preprocessing_read_attributes", most) <= most
+    return run

@@ -12,11 +12,11 @@ from splatcore.hdl.points.model_reader import READING, ModelReader
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec import axi, memory
 from splatcore.spec.config import Config
-from splatcore.spec.number import Bits
 from splatcore.spec.point import FETCH, WANTED
-from splatcore.spec.record import Array, Codes, Record
+from splatcore.spec.record import Codes, Record
 from tb.helpers.parts import forward
-from tb.helpers.runs import check_run, compiled
+from tb.helpers.point_rows import write_rows
+from tb.helpers.runs import Case, compiled
 
 Ranges = list[tuple[int, int]]
 """First beats and counts of beats."""
@@ -28,7 +28,7 @@ WORDS_MAX = 1024
 class Reading(wiring.Component):
     """`ModelReader` that runs when it has loaded; requests for chunks and Gaussians wait for that.
 
-    Members: those of the reader, except that `base` replaces `model`, `bursts` replaces `reads`,
+    Members: those of the reader, except that `base` replaces `model_at`, `bursts` replaces `reads`,
     and `beats` replaces `data` and never comes before its request. Position beats must always be
     accepted, as the reader requests no more than it has room for.
     """
@@ -36,7 +36,7 @@ class Reading(wiring.Component):
     def __init__(self, config: Config):
         self.reader = ModelReader(config)
         members = dict(self.reader.signature.members)
-        for name in ("model", "run", "reads", "data"):
+        for name in ("model_at", "run", "reads", "data"):
             del members[name]
         self.same = [name for name in members if name not in ("fetch", "wanted", "write")]
         beats = In(stream.Signature(config.port)).array(len(READING))
@@ -53,7 +53,7 @@ class Reading(wiring.Component):
         connect(m, reader.write, words.i)
         connect(m, words.o, flipped(self.write))
         ran = Signal()
-        m.d.comb += [reader.model.eq(self.base), reader.run.eq(reader.loaded & ~ran)]
+        m.d.comb += [reader.model_at.eq(self.base), reader.run.eq(reader.loaded & ~ran)]
         m.d.sync += ran.eq(reader.loaded)
         for name in ("fetch", "wanted"):
             outer, inner = getattr(self, name), getattr(reader, name)
@@ -160,14 +160,6 @@ def pair_rows(record: Record, pairs: Ranges) -> np.ndarray:
     return record.pack(dict(zip(dict(record.fields), columns, strict=True)))
 
 
-def write_rows(config: Config, words: np.ndarray) -> np.ndarray:
-    """The codebook memory's words [N, 16] with their addresses."""
-    bits = (config.codebook // memory.CODEBOOK_WORD - 1).bit_length()
-    record = Record("write", {"address": Bits(bits), "word": Array(Bits(64), 2)})
-    address = np.arange(len(words), dtype=np.uint64)
-    return record.pack({"address": address, "word": words.view("<u8")})
-
-
 def check_reading(
     config: Config,
     image: Image,
@@ -205,7 +197,5 @@ def check_reading(
         beats = [(first * wide, count * wide) for first, count in asked]
         expected[f"bursts__{k}"] = burst_rows(config, divided(asked, unit))
         inputs[f"beats__{k}"] = image.beats(places(beats)).reshape(-1, axi.port_bytes(config))
-    return check_run(
-        compiled(Reading, config), inputs, expected, "model.",
-        constants={"start": np.array([1, 0]), "base": image.base}, **options,
-    )  # fmt: skip
+    case = Case(inputs, expected, {"start": np.array([1, 0]), "base": image.base})
+    return case.check(compiled(Reading, config), "model.", **options)

@@ -85,8 +85,8 @@ class SideBySide(wiring.Component):
     Members: each component under its name, so a port `i` of component `x` is `x__i` in Verilog
     """
 
-    def __init__(self, components: dict[str, wiring.Component]):
-        super().__init__({name: Out(part.signature) for name, part in components.items()})
+    def __init__(self, components: dict[str, wiring.Component], **ports: wiring.Member):
+        super().__init__({name: Out(part.signature) for name, part in components.items()} | ports)
         self.components = components
 
     def elaborate(self, platform) -> Module:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcore.golden.points import Points, project_points
+from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
-from splatcore.spec.frame import CAMERA
+from splatcore.spec.frame import CAMERA, FrameConstants
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
 from splatcore.spec.number import Bits
 from splatcore.spec.packed import PackedModel
@@ -19,15 +20,21 @@ from splatcore.spec.record import Array, Record
 
 BEAT = ATTRIBUTE_BITS // 8  # bytes of a memory beat
 
+COORDINATES = {"culled": "z", "placed": "x y z"}  # of the points on these streams
+
 
 @dataclass(frozen=True, eq=False)
 class PointRows:
-    """Rows of every stream, by name in `hdl.points.points`, and the registers."""
+    """Rows of every stream, by name in `hdl.points.points`, and the registers.
+
+    care: for streams with bits that do not matter, rows of ones where bits matter
+    """
 
     config: Config
     points: Points
     streams: dict[str, np.ndarray]
-    registers: dict[str, int | dict[str, int]]
+    care: dict[str, np.ndarray]
+    registers: dict[str, int]
 
 
 def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
@@ -42,11 +49,12 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
         "positions": position_rows(model, points),
         "wanted": wanted_rows(model, points.inside),
         "attributes": attribute_rows(model, points.inside),
-        "write": write_rows(config, model),
+        "write": codebook_rows(config, model),
         "splats": splat_rows(config, points),
     }  # fmt: skip
-    streams |= token_rows(config, points)
-    return PointRows(config, points, streams, registers(config, model, points))
+    tokens = token_rows(config, points)
+    care = {name: care_of(config, COORDINATES[name], rows) for name, rows in tokens.items()}
+    return PointRows(config, points, streams | tokens, care, registers(config, points.frame, model))
 
 
 def counts(model: PackedModel) -> np.ndarray:
@@ -104,13 +112,18 @@ def position_rows(model: PackedModel, points: Points) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def write_rows(config: Config, model: PackedModel) -> np.ndarray:
-    """The codebook memory's words with their addresses."""
-    words = model.image[model.layout.colours : model.layout.end].reshape(-1, CODEBOOK_WORD)
+def write_rows(config: Config, words: np.ndarray) -> np.ndarray:
+    """The codebook memory's words [N, 16] with their addresses."""
     bits = (config.codebook // CODEBOOK_WORD - 1).bit_length()
     record = Record("write", {"address": Bits(bits), "word": Array(Bits(64), 2)})
     address = np.arange(len(words), dtype=np.uint64)
     return record.pack({"address": address, "word": words.view("<u8")})
+
+
+def codebook_rows(config: Config, model: PackedModel) -> np.ndarray:
+    """The words of a model's codebooks with their addresses."""
+    words = model.image[model.layout.colours : model.layout.end]
+    return write_rows(config, words.reshape(-1, CODEBOOK_WORD))
 
 
 def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
@@ -123,9 +136,9 @@ def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
     for axis in "xy":
         placed[axis][front] = points.placed[axis]
     rows = {}
-    for name, coordinates, kept in (("culled", "z", front), ("placed", "x y z", inside)):
+    for name, kept in (("culled", front), ("placed", inside)):
         chosen = np.flatnonzero(kept | last)
-        record = point_record(config, coordinates)
+        record = point_record(config, COORDINATES[name])
         codes = {
             "place": (index[chosen] % CHUNK).astype(np.uint64),
             "last": last[chosen].astype(np.uint64),
@@ -135,42 +148,48 @@ def token_rows(config: Config, points: Points) -> dict[str, np.ndarray]:
     return rows
 
 
-def only_flags(config: Config, coordinates: str, rows: np.ndarray) -> np.ndarray:
-    """Rows of points with zeros for the numbers of points that are not kept: do not care."""
+def care_of(config: Config, coordinates: str, rows: np.ndarray) -> np.ndarray:
+    """Ones where bits of rows of points matter: not in numbers of points that are not kept."""
     record = point_record(config, coordinates)
-    codes = record.unpack(rows)
-    for name in codes:
-        if name not in ("place", "last", "kept"):
-            codes[name] = np.where(codes["kept"] == 1, codes[name], 0)
-    return record.pack(codes)
+    kept, found = record.unpack(rows)["kept"], {}
+    for name, format in record.fields:
+        ones = np.full(len(rows), (1 << format.width) - 1, np.uint64)
+        found[name] = ones if name in ("place", "last", "kept") else np.where(kept, ones, 0)
+    return record.pack(found)
 
 
 def splat_rows(config: Config, points: Points) -> np.ndarray:
     """Rows of the splats."""
-    record, found = splat_record(config), dict(points.projected)
-    for channel in ("red", "green", "blue"):
-        found.setdefault(channel, found.get(f"colour_{channel}"))
-    return record.pack(values(record, found, np.arange(len(points.index))))
+    return packed_splats(config, points.projected)
 
 
-def exponents(model: PackedModel) -> int:
-    """Exponents of all degrees as the value of a port."""
-    codes = EXPONENT.encode(np.array(model.exponents, np.float64))
-    return sum(int(code) << k * EXPONENT.width for k, code in enumerate(codes))
+def packed_splats(config: Config, found: dict[str, np.ndarray]) -> np.ndarray:
+    """Rows of splats with these values [N], colours by their names in any program."""
+    record, count = splat_record(config), len(found["u"])
+    colours = {name: found.get(f"colour_{name}") for name in ("red", "green", "blue")}
+    return record.pack(values(record, colours | found, np.arange(count)))
 
 
-def registers(config: Config, model: PackedModel, points: Points) -> dict:
-    """Values of the ports that are constant during a frame."""
-    format, frame = config.arithmetic, points.frame
-    camera = CAMERA.encode(frame.camera.astype(np.float64)).astype(np.uint64)
-    return {
-        "gaussians": len(model),
-        "camera": sum(int(code) << k * CAMERA.width for k, code in enumerate(camera)),
-        "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
+def exponents(model: PackedModel) -> list[int]:
+    """Codes of the exponents of all degrees."""
+    return EXPONENT.encode(np.array(model.exponents, np.float64)).tolist()
+
+
+def registers(config: Config, frame: FrameConstants, model: PackedModel) -> dict[str, int]:
+    """Values of the ports `frame` and `model`."""
+    format, shape = config.arithmetic, frame_state(config)
+    names = shape["constants"].shape.members
+    of_frame = shape.const({
+        "camera": CAMERA.encode(frame.camera.astype(np.float64)).tolist(),
         "near_plane": int(format.encode(frame.near_plane)),
-        "constants": {name: int(format.encode(code)) for name, code in frame.constants.items()},
+        "constants": {name: int(format.encode(frame.constants[name])) for name in names},
+    })  # fmt: skip
+    of_model = ModelState.const({
+        "gaussians": len(model),
+        "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
         "sh": int(model.format.sh_degree > 0),
         "codebooks": int(model.format.codebooks),
         "small": int(model.format.small),
         "exponent": exponents(model),
-    }
+    })  # fmt: skip
+    return {"frame": of_frame.as_bits(), "model": of_model.as_bits()}

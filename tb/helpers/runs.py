@@ -1,14 +1,17 @@
-"""Runs of compiled components: compare rows of their streams, read counters."""
+"""Runs of compiled components: cases with golden outputs, counters, planted faults."""
 
 import shutil
-from collections.abc import Callable, Hashable, Iterable
-from functools import cache
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
+from amaranth.lib import wiring
 
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.counters import COUNTER_BITS
+from tb.helpers.parts import Variants
 
 Rows = dict[str, np.ndarray]
 
@@ -23,28 +26,89 @@ def compiled(make: Callable, *arguments: Hashable, samples: tuple[str, ...] = ()
     return Simulation(make(*arguments), samples)
 
 
-def check_run(
-    simulation: Simulation, inputs: Rows, expected: Rows, label="", settled=dict, **options
-) -> Result:
-    """Run a component and check that its output rows are exactly the expected ones.
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Inputs of a component for one run, and its expected outputs.
 
-    label: prefix of a stream's name in messages
-    settled: function of the output rows that removes bits that do not matter
-    options: of `Simulation.run`
+    inputs, expected: rows by stream
+    constants: values of its other inputs
+    care: for output streams with bits that do not matter, rows of ones where bits matter
+    first: input streams that are sent before the others begin
     """
-    counts = {port: len(rows) for port, rows in expected.items()}
-    result = simulation.run(inputs, expected=counts, **options)
-    assert result.finished, f"{label}{result.stopped}"
-    outputs = settled(result.outputs)
-    for port, rows in expected.items():
-        found = outputs[port]
-        assert len(found) == len(rows), f"{label}{port}: {len(found)} rows, not {len(rows)}"
-        wrong = np.flatnonzero((found != rows).any(axis=1))
-        assert not len(wrong), f"{label}{port}: {len(wrong)} differ, first {wrong[0]}"
-    return result
+
+    inputs: Rows
+    expected: Rows
+    constants: Mapping = field(default_factory=dict)
+    care: Rows = field(default_factory=dict)
+    first: Sequence[str] = ()
+
+    def twice(self) -> "Case":
+        """The same rows again, to see that the first frame leaves no state for the second."""
+        parts = (self.inputs, self.expected, self.care)
+        inputs, expected, care = ({k: np.tile(v, (2, 1)) for k, v in p.items()} for p in parts)
+        return replace(self, inputs=inputs, expected=expected, care=care)
+
+    def check(self, simulation: Simulation, label: str = "", **options) -> Result:
+        """Run a component and check that its output rows are exactly the expected ones.
+
+        label: prefix of a stream's name in messages
+        options: of `Simulation.run`; `constants` are added to the case's own
+        """
+        constants = self.constants | options.pop("constants", {})
+        counts = {port: len(rows) for port, rows in self.expected.items()}
+        result = simulation.run(
+            self.inputs, expected=counts, constants=constants, first=self.first, **options
+        )
+        assert result.finished, f"{label}{result.stopped}"
+        for port, rows in self.expected.items():
+            found = result.outputs[port]
+            assert len(found) == len(rows), f"{label}{port}: {len(found)} rows, not {len(rows)}"
+            different = (found ^ rows) & self.care.get(port, 255)
+            wrong = np.flatnonzero(different.any(axis=1))
+            assert not len(wrong), f"{label}{port}: {len(wrong)} differ, first {wrong[0]}"
+        return result
+
+    def numbers(self) -> dict:
+        """Convert to JSON values, with payloads as integers."""
+        rows = {name: _numbers(getattr(self, name)) for name in ("inputs", "expected", "care")}
+        constants = {name: int(value) for name, value in self.constants.items()}
+        return rows | {"constants": constants, "first": list(self.first)}
+
+
+def _numbers(rows: Rows) -> dict[str, list[int]]:
+    return {
+        name: [int.from_bytes(row.tobytes(), "little") for row in np.ascontiguousarray(part)]
+        for name, part in rows.items()
+    }
 
 
 def counters(names: Iterable[str], bits: int) -> dict[str, int]:
     """Split the value of a port into counters by name."""
     mask = (1 << COUNTER_BITS) - 1
     return {name: bits >> k * COUNTER_BITS & mask for k, name in enumerate(names)}
+
+
+def faults_are_found(
+    make: Callable[[], wiring.Component],
+    faults: Mapping[str, tuple],
+    check: Callable[[Simulation, int], None],
+) -> Callable:
+    """Make a test function: the runs must pass without a fault and fail with each fault.
+
+    faults: for `Variants`, by name
+    check: runs a simulation of the variants with a number for the port `fault` (0: no fault); an
+        assertion fails if it detects the fault
+    """
+    variants = cache(lambda: Simulation(Variants(make, faults.values())))
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("fault", [None, *faults])
+    def test(fault):
+        run = partial(check, variants())
+        if fault is None:
+            run(0)
+        else:
+            with pytest.raises(AssertionError):
+                run(1 + list(faults).index(fault))
+
+    return test

@@ -121,6 +121,15 @@ def compressed_ply_bytes(
     return ply_bytes(elements, types=types, comments=comments)
 
 
+def compressed_ply(count: int, degree: int = 0, comments: tuple[str, ...] = ()) -> bytes:
+    """A compressed PLY of random Gaussians, whose higher harmonics have bytes of 0."""
+    rng = np.random.default_rng(0)
+    bounds = rng.normal(size=(-(-count // 256), 18)).astype(np.float32)
+    packed = rng.integers(0, 1 << 32, (count, 4), np.uint32)
+    sh = np.zeros((count, 3 * ((degree + 1) ** 2 - 1)), np.uint8)
+    return compressed_ply_bytes(bounds, packed, sh, comments=comments)
+
+
 def spz_codes(version: int, count: int, degree: int, seed: int = 0) -> list[np.ndarray]:
     """Random bytes for the sections of an SPZ file: positions, alphas, colours, scales,
     quaternions, SH; [N, bytes per Gaussian] each.

@@ -8,20 +8,20 @@ import pytest
 
 from splatcore.golden.pipeline import render
 from splatcore.model.generate.hard import HARD
+from splatcore.model.generate.hard_case import HardCase
 from splatcore.model.pack.pack import pack
 from splatcore.sim.common.preset_file import write_preset
 from splatcore.sim.frame.choose import finest
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.wave_names import signals
-from splatcore.sim.soak.machines import machine
 from splatcore.spec.camera import NEAR_LIMITS
 from splatcore.spec.config import TINY
 from splatcore.spec.feature import feature_record
 from splatcore.spec.sort import BUCKETS, half_entries
 from splatcore.spec.work import FEATURE
 from tb.helpers.command import run as command
-from tb.helpers.machines import check, garden, long_needles, view
+from tb.helpers.machines import ROUGH, check, garden, long_needles, view
 
 pytestmark = pytest.mark.slow
 
@@ -30,9 +30,6 @@ NEAR = (
     "camera_inside",
     "at_the_camera",
 )  # hard cases with Gaussians at and behind the near plane
-
-ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
-"""Slow memory with random stalls."""
 
 SLOW = Timing("one at a time", latency=20, bandwidth=4.0, outstanding=1)
 """Memory that is busy with another client's access when an image's last row is offered."""
@@ -52,37 +49,40 @@ STREAMS = ("preprocess.points", "preprocess.bin", "render.sort", "render.raster"
 """Modules whose streams must be in the viewer file of waveforms."""
 
 
+def finest_job(case: HardCase) -> Job:
+    """A hard case, packed as finely as TINY can render."""
+    return Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
+
+
 @pytest.mark.parametrize("timing", [IDEAL, LPDDR4, ROUGH], ids=lambda timing: timing.name)
 def test_garden(timing):
     job = Job(garden(TINY, 400), view(), (40, 200, 511))
-    check(TINY, machine(TINY).run([job], timing), job)
+    check(TINY, [job], timing)
 
 
 def test_antialiased_garden():
     """A model with compensated opacities, one without, and one with them again."""
     marked = pack(replace(HARD["sub_pixel"](0).scene, antialiased=True), TINY)[0]
     jobs = [Job(model, view(), (40, 200, 511)) for model in (marked, garden(TINY, 400), marked)]
-    check(TINY, machine(TINY).run(jobs), *jobs)
+    check(TINY, jobs)
 
 
 @pytest.mark.parametrize("name", ["near_plane", "camera_inside"])
 @pytest.mark.parametrize("near", [NEAR_LIMITS[0], 0.01, 0.5])
 def test_near_planes(name, near):
     """Depths below the base of keys are sorted, too."""
-    case = HARD[name](0)
-    model = pack(case.scene, TINY, quality=finest(case.scene, TINY))[0]
-    jobs = [Job(model, replace(case.camera, near=near)), Job(model, case.camera)]
+    job = finest_job(HARD[name](0))
+    jobs = [job._replace(camera=replace(job.camera, near=near)), job]
     frames = [render(TINY, *job).counts["projected"] for job in jobs]
     assert (frames[0] > frames[1]) == (near < 0.2)
-    check(TINY, machine(TINY).run(jobs), *jobs)
+    check(TINY, jobs)
 
 
 @pytest.mark.parametrize("name", HARD)
 def test_hard_cases(name):
     """Lists of 20,000 entries, equal depths, no Gaussian, one pixel, …"""
-    case = HARD[name](0)
-    job = Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
-    check(TINY, machine(TINY).run([job]), job)
+    job = finest_job(HARD[name](0))
+    check(TINY, [job])
     if name == "long_list":
         longest = np.diff(render(TINY, *job).start).max()
         assert longest > BUCKETS * half_entries(TINY)  # several rounds of dealing
@@ -90,9 +90,7 @@ def test_hard_cases(name):
 
 def test_long_needles():
     """E fits in its bits even though the needles' thickness is lost to rounding."""
-    case = long_needles()
-    job = Job(pack(case.scene, TINY, quality=finest(case.scene, TINY))[0], case.camera)
-    check(TINY, machine(TINY).run([job]), job)
+    check(TINY, [finest_job(long_needles())])
 
 
 def test_sizes():
@@ -110,21 +108,20 @@ def test_sizes():
             (31, 127),
         )
     ]
-    check(TINY, machine(TINY).run(jobs, ROUGH), *jobs)
+    check(TINY, jobs, ROUGH)
 
 
 @pytest.mark.parametrize("size", [(31, 3), (33, 17), (16, 16), (64, 3)])
 def test_last_row_is_in_memory_before_the_frame_is_told(size):
     """Even while the other half keeps the port busy."""
     jobs = [Job(garden(TINY, 150), view(*size)), Job(garden(TINY, 400), view())]
-    check(TINY, machine(TINY).run(jobs, SLOW), *jobs)
+    check(TINY, jobs, SLOW)
 
 
 def test_path():
     """Consecutive frames in both halves at once, each in its own work area."""
     jobs = [Job(garden(TINY, 400), view(step=0.1 * k)) for k in range(5)]
-    run = machine(TINY).run(jobs, LPDDR4)
-    check(TINY, run, *jobs)
+    run = check(TINY, jobs, LPDDR4)
     # Both halves work at once: a frame takes little longer than its slower half.
     for frame, first, second in zip(
         run.frame_cycles, run.preprocessing_cycles[1:], run.rendering_cycles[:-1], strict=True
@@ -139,8 +136,7 @@ def test_other_choices(timing):
     jobs.append(Job(garden(OTHER, 400), middle))
     cases = [HARD[name](0) for name in NEAR]
     jobs += [Job(pack(case.scene, OTHER)[0], case.camera) for case in cases]
-    run = machine(OTHER).run(jobs, timing)
-    check(OTHER, run, *jobs)
+    check(OTHER, jobs, timing)
     pairs = [render(config, *jobs[0]).counts["tile_pairs"] for config in (OTHER, TINY)]
     assert pairs[0] > 1.2 * pairs[1]
 
@@ -167,7 +163,7 @@ def test_waves_of_a_window(tmp_path):
 def test_work_area():
     """Features, lists and table in memory are the golden model's."""
     job = Job(garden(TINY, 400), view())
-    run = machine(TINY).run([job])
+    run = check(TINY, [job])
     frame = render(TINY, *job)
     record = feature_record(TINY)
     count = len(frame.binned.kept)
@@ -180,6 +176,5 @@ def test_work_area():
 def test_short_lists_are_not_dealt():
     job = Job(garden(TINY, 60), view())
     assert 0 < np.diff(render(TINY, *job).start).max() <= half_entries(TINY)
-    run = machine(TINY).run([job])
-    check(TINY, run, job)
+    run = check(TINY, [job])
     assert run.frames[0].counters["rendering_write_buckets"] == 0

@@ -14,7 +14,6 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import LPDDR4
-from splatcore.sim.soak.machines import machine
 from splatcore.spec.config import DEFAULT
 from tb.helpers.bounds import HARMONICS
 from tb.helpers.machines import check
@@ -30,8 +29,7 @@ WITHIN = 0.05  # maximum relative error of the cycle model for a half that runs 
 def run(model, camera, frames: int = 1):
     """Run frames of one camera; compare them with the golden model, their cycles with the model."""
     jobs = [Job(model, camera)] * frames
-    found = machine(DEFAULT).run(jobs, LPDDR4)
-    check(DEFAULT, found, *jobs)
+    found = check(DEFAULT, jobs, LPDDR4)
     model = frame_cycles(DEFAULT, render(DEFAULT, *jobs[0]), LPDDR4)
     for modelled, cycles in (
         (model.preprocessing, found.preprocessing_cycles[0]),
@@ -50,7 +48,7 @@ def test_a_tall_image():
     camera = generated_camera("garden").resized(1920, 1080)
     camera = replace(camera, width=96, height=1920, cx=48.0, cy=960.0, near=0.01)
     job = Job(pack(generate("garden"), DEFAULT)[0], camera)
-    check(DEFAULT, machine(DEFAULT).run([job], LPDDR4), job)
+    check(DEFAULT, [job], LPDDR4)
 
 
 def test_hard_harmonics():
@@ -61,7 +59,7 @@ def test_hard_harmonics():
         for case in cases
         for quality in ("faithful", "balanced")
     ]
-    check(DEFAULT, machine(DEFAULT).run(jobs), *jobs)
+    check(DEFAULT, jobs)
 
 
 @needs_scenes

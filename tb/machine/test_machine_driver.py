@@ -26,8 +26,8 @@ from splatcore.sim.soak.machines import machine
 from splatcore.spec.axi import ADDRESS_BITS, window_bits
 from splatcore.spec.config import TINY, Config
 from splatcore.spec.work import PIXEL, aligned, scratch_bytes, stride, work
+from tb.helpers.configs import wide_addresses
 from tb.helpers.machines import garden, view
-from tb.helpers.ports import wide_addresses
 
 pytestmark = pytest.mark.slow
 

@@ -6,20 +6,17 @@ import pytest
 from splatcore.golden.pipeline import render
 from splatcore.sim.machine.areas import place_areas
 from splatcore.sim.machine.machine import Job, frame_values
-from splatcore.sim.machine.script import LPDDR4, Timing
-from splatcore.sim.soak.machines import machine
+from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.axi import ADDRESS_BITS
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import high_registers
 from splatcore.spec.sort import half_entries
-from tb.helpers.machines import check, garden, view
-from tb.helpers.ports import wide_addresses
+from tb.helpers.configs import wide_addresses
+from tb.helpers.machines import ROUGH, check, garden, view
 
 pytestmark = pytest.mark.slow
 
 WIDE = wide_addresses(TINY)
-
-ROUGH = Timing("rough", latency=37, bandwidth=9.0, granule=32, outstanding=7, stall=0.3)
 
 FRAMES = 4
 
@@ -34,8 +31,7 @@ def jobs() -> list[Job]:
 def test_each_area_in_a_window_of_its_own(timing):
     """Other windows answer by errors, and no two areas have the same address within a window."""
     given = jobs()
-    run = machine(WIDE).run(given, timing)
-    check(WIDE, run, *given)
+    run = check(WIDE, given, timing)
     assert np.diff(render(WIDE, *given[0]).start).max() <= half_entries(WIDE)
     assert run.frames[-1].counters["rendering_write_buckets"]
     regions = run.areas.regions

@@ -15,11 +15,11 @@ from splatcore.model.generate.hard_case import together
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT
-from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
+from tb.helpers.refusal import refused
 from tb.helpers.scene_file import (
-    compressed_ply_bytes,
+    compressed_ply,
     ply_bytes,
     ply_columns,
     read_written,
@@ -48,10 +48,7 @@ def plain(tmp_path, *comments: str, **columns: np.ndarray) -> Scene:
 
 def compressed(tmp_path, *comments: str) -> Scene:
     """Read a compressed PLY of three Gaussians."""
-    rng = np.random.default_rng(0)
-    bounds, packed = rng.normal(size=(1, 18)), rng.integers(0, 1 << 32, (3, 4), np.uint32)
-    data = compressed_ply_bytes(bounds, packed, np.zeros((3, 0), np.uint8), comments=comments)
-    return read_written(tmp_path / "scene.ply", data)
+    return read_written(tmp_path / "scene.ply", compressed_ply(3, comments=comments))
 
 
 @pytest.mark.parametrize("make", [plain, compressed])
@@ -212,8 +209,7 @@ def test_joined_scenes_keep_the_mark(antialiased):
 def test_joined_scenes_of_different_marks(first):
     names = {first: "a", not first: "b"}
     message = f"^{names[True]} is antialiased, {names[False]} is not; choose --antialiased or "
-    with pytest.raises(InputError, match=message):
-        side_by_side([view(first, "a"), view(not first, "b")])
+    refused(message, side_by_side, [view(first, "a"), view(not first, "b")])
 
 
 def test_scenes_of_scenes_keep_the_mark():

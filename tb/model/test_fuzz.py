@@ -36,11 +36,7 @@ Files = dict[str, bytes]  # files for a reader: name → content; one file, or s
 def _ply_files() -> dict[str, Files]:
     elements, forms = {"vertex": scene_file.ply_columns(random_scene(4, 1))}, scene_file.FORMATS
     files = {form: {"scene.ply": scene_file.ply_bytes(elements, form)} for form in forms}
-    rng = np.random.default_rng(0)
-    bounds = rng.normal(size=(2, 18)).astype(np.float32)
-    packed, sh = rng.integers(0, 2**32, (300, 4), np.uint32), np.zeros((300, 9), np.uint8)
-    data = scene_file.compressed_ply_bytes(bounds, packed, sh)
-    return files | {"compressed": {"scene.ply": data}}
+    return files | {"compressed": {"scene.ply": scene_file.compressed_ply(300, 1)}}
 
 
 SPZ = {f"spz {v}": {"scene.spz": spz_bytes(v, spz_codes(v, 40, 1), 1)} for v in (1, 2, 3, 4)}

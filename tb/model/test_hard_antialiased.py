@@ -6,7 +6,7 @@ import numpy as np
 
 from splatcore.golden.reference import project
 from splatcore.model.generate.hard import HARD, HardCase
-from splatcore.model.generate.hard_antialiased import ANTIALIASED
+from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.spec.convention import ALPHA_MIN
 
 

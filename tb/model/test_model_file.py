@@ -19,8 +19,10 @@ from splatcore.spec import coded
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import HEADER, chunk_count
-from splatcore.spec.packed import PackedModel, checksum
+from splatcore.spec.packed import PackedModel
 from tb.helpers.clouds import cloud
+from tb.helpers.model_bits import with_checksum
+from tb.helpers.refusal import refused as check_refused
 
 BEGIN = coded.FILE_HEADER.size + HEADER.size
 WAYS = [
@@ -82,6 +84,8 @@ def test_files(tmp_path):
             start = path.read_bytes()[:4]
             assert start == (b"SPLZ" if small and not plain else b"SPLT")
             assert (path.stat().st_size < len(packed.image)) == (start == b"SPLZ")
+    assert not is_packed(tmp_path / "none")
+    check_refused("none", read_model, tmp_path / "none")
 
 
 def test_bytes_between_parts():
@@ -90,14 +94,8 @@ def test_bytes_between_parts():
     image, layout = packed.image.copy(), packed.layout
     assert layout.colours - layout.attributes > len(packed) * 3 * 16
     image[layout.colours - 1] = 1
-    odd = with_checksum(image)
+    odd = with_checksum(image, "m")
     assert file_bytes(odd) == odd.image.tobytes()
-
-
-def with_checksum(image: np.ndarray) -> PackedModel:
-    place = HEADER.offset("checksum") // 8
-    image[place : place + 4] = np.frombuffer(np.uint32(checksum(image)).tobytes(), np.uint8)
-    return PackedModel(image, "m")
 
 
 def plain_columns(data: bytes) -> list[tuple[int, int, list[int]]]:

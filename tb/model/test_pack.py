@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from splatcore.golden.reference import render
-from splatcore.model.formats.model_file import is_packed, read_model
 from splatcore.model.pack.codebook import quantise
 from splatcore.model.pack.factor import largest_axis, lower_triangular
 from splatcore.model.pack.pack import appearance, pack
@@ -19,18 +18,10 @@ from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CODEBOOK_MAX, COMPONENT, HEADER, SLOPE, model_format
 from splatcore.spec.packed import PackedModel
 from tb.helpers.clouds import camera, cloud
+from tb.helpers.model_bits import aligned, bits, signed
+from tb.helpers.refusal import refused
 
 BYTES_MAX = 22
-
-
-def bits(image: np.ndarray, byte: int, offset: int, width: int) -> int:
-    """`width` bits from bit `offset` of byte `byte` on, as a plain integer."""
-    word = int.from_bytes(image[byte : byte + (offset + width + 7) // 8 + 8].tobytes(), "little")
-    return word >> offset & (1 << width) - 1
-
-
-def signed(code: int, width: int) -> int:
-    return code - (code >> width - 1 << width)
 
 
 def half_float(code: int) -> float:
@@ -44,14 +35,13 @@ def plain_unpack(image: np.ndarray, n: int):
     """Decode Gaussian n of a DEFAULT model of degree 1, bit by bit as spec.memory documents it."""
     count, small = bits(image, 0, 64, 32), bits(image, 0, 63, 1)
     exponents = [signed(bits(image, 0, 128 + 16 * k, 16), 16) for k in range(4)]
-    align = lambda value: -(-value // 64) * 64  # noqa: E731
     chunks = 64
-    positions = chunks + align(32 * -(-count // 256))
+    positions = chunks + aligned(32 * -(-count // 256))
     width = 27 if small else 45
     stored = count // 256 * 32 * width + -(-(count % 256) * width // 8)
-    attributes = positions + align(stored)
-    colours = attributes + align((8 if small else 16) * count)
-    harmonics = colours + align((128 + 64) * 8)
+    attributes = positions + aligned(stored)
+    colours = attributes + aligned((8 if small else 16) * count)
+    harmonics = colours + aligned((128 + 64) * 8)
 
     chunk, place = divmod(n, 256)
     head = chunks + 32 * chunk
@@ -279,15 +269,6 @@ def test_deterministic():
     assert (pack(cloud(11, count=1000))[0].image == pack(cloud(11, count=1000))[0].image).all()
 
 
-def test_files(tmp_path):
-    model, _ = pack(cloud(12, count=300))
-    (tmp_path / "a.splatcore").write_bytes(model.image.tobytes())
-    assert is_packed(tmp_path / "a.splatcore") and not is_packed(tmp_path / "none")
-    assert (read_model(tmp_path / "a.splatcore").image == model.image).all()
-    with pytest.raises(InputError, match="none"):
-        read_model(tmp_path / "none")
-
-
 def test_damaged_files_are_refused():
     image = pack(cloud(13, count=300))[0].image
     rng = np.random.default_rng(0)
@@ -298,8 +279,7 @@ def test_damaged_files_are_refused():
     for place in places:
         damaged = image.copy()
         damaged[place // 8] ^= 1 << place % 8
-        with pytest.raises(InputError, match=r"^flipped: [^\n]*$"):
-            PackedModel(damaged, "flipped")
+        refused(r"^flipped: [^\n]*$", PackedModel, damaged, "flipped")
 
 
 def test_default_is_the_design_of_spec_memory():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatcore.model.formats.read import read_scene
-from splatcore.spec.error import InputError
+from tb.helpers.refusal import refused
 from tb.helpers.scene_file import ply_bytes, ply_columns, read_written, splat_bytes
 from tb.helpers.scenes import random_scene
 
@@ -57,13 +57,11 @@ def test_content_goes_before_extension(tmp_path):
     scene = read(tmp_path, ply_bytes({"vertex": ply_columns(random_scene(3, 1))}))
     assert scene.sh_degree == 1
     (tmp_path / "scene.bin").write_bytes(splat_bytes(2))
-    with pytest.raises(InputError, match=r"is not a PLY, SPZ, SOG or \.splat file"):
-        read_scene(tmp_path / "scene.bin")
+    refused(r"is not a PLY, SPZ, SOG or \.splat file", read_scene, tmp_path / "scene.bin")
 
 
 @pytest.mark.parametrize(
     ("size", "message"), [(0, "is empty"), (31, "31 bytes are not a multiple"), (33, "33 bytes")]
 )
 def test_bad_size(tmp_path, size, message):
-    with pytest.raises(InputError, match=f"scene.splat: {message}"):
-        read(tmp_path, splat_bytes(2)[:size])
+    refused(f"scene.splat: {message}", read, tmp_path, splat_bytes(2)[:size])

@@ -13,6 +13,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.formats.spz import COORDINATES, EXTENDED
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import rotation_matrix
+from tb.helpers.refusal import refused
 from tb.helpers.scene_file import (
     check_bad_scene,
     check_refused,
@@ -132,14 +133,12 @@ def test_axes_for_a_file_that_states_none(tmp_path, version):
     assert other.notes == ("the SPZ file does not state its axes; read as RDF, by --axes",)
     assert (plain.assumed_axes, other.assumed_axes) == ("RUB", "")
     path.write_bytes(extended(version, record(4)))
-    with pytest.raises(InputError, match=r"--axes RDF: the file states its axes, RUB"):
-        spz.read(path, "RDF")
+    refused(r"--axes RDF: the file states its axes, RUB", spz.read, path, "RDF")
 
 
 def test_axes_of_other_formats_are_refused(tmp_path):
     (tmp_path / "a.splat").write_bytes(splat_bytes(2))
-    with pytest.raises(InputError, match=r"a.splat: --axes RDF: only SPZ files"):
-        read_scene(tmp_path / "a.splat", "RDF")
+    refused(r"a.splat: --axes RDF: only SPZ files", read_scene, tmp_path / "a.splat", "RDF")
 
 
 @pytest.mark.parametrize("version", (1, 2, 3))

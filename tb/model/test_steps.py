@@ -20,25 +20,16 @@ from splatcore.spec.colour import (
     unfolded,
 )
 from splatcore.spec.config import DEFAULT, PAPER
-from splatcore.spec.error import InputError
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER
 from splatcore.spec.number import Fixed
-from splatcore.spec.packed import PackedModel, checksum
+from splatcore.spec.packed import PackedModel
 from tb.helpers.clouds import cloud
+from tb.helpers.model_bits import aligned, bits, signed, with_checksum
+from tb.helpers.refusal import refused
 
 BITS = {0: (), 1: (5, 5), 2: (3, 2, 3), 3: (5, 5, 6)}  # layout → bits per code, by degree
 BEATS = {0: 0, 1: 1, 2: 1, 3: 2}  # layout → beats of harmonics per Gaussian
 TERM_SIZES = ((3,), (3, 2), (3, 3, 1))  # polynomials of the terms of degrees 1, 2, 3
-
-
-def bits(image: np.ndarray, start: int, offset: int, width: int) -> int:
-    """`width` bits from bit `offset` of byte `start` on, as a plain integer."""
-    word = int.from_bytes(image[start : start + (offset + width) // 8 + 1].tobytes(), "little")
-    return word >> offset & (1 << width) - 1
-
-
-def signed(code: int, width: int) -> int:
-    return code - (code >> width - 1 << width)
 
 
 def plain_colours(image: np.ndarray) -> list[dict[int, np.ndarray]]:
@@ -46,9 +37,8 @@ def plain_colours(image: np.ndarray) -> list[dict[int, np.ndarray]]:
     Gaussian."""
     count = bits(image, 0, 64, 32)
     exponents = [signed(bits(image, 0, 160 + 16 * k, 16), 16) for k in range(4)]
-    align = lambda value: -(-value // 64) * 64  # noqa: E731
-    positions = 64 + align(32 * -(-count // 256))
-    beat = positions + align(count // 256 * 1440 + -(-(count % 256) * 45 // 8))
+    positions = 64 + aligned(32 * -(-count // 256))
+    beat = positions + aligned(count // 256 * 1440 + -(-(count % 256) * 45 // 8))
     found = []
     for n in range(count):
         header = 64 + 32 * (n // 256)
@@ -237,18 +227,14 @@ def test_machines_and_qualities():
         config = replace(DEFAULT, sh_degree=degree)
         assert pack(scene, config, quality="faithful")[0].format.sh_degree == degree
         assert pack(scene, config)[0].format.sh_degree == min(degree, 1)
-    with pytest.raises(InputError, match="PAPER renders compact models only"):
-        pack(scene, PAPER, quality="faithful")
+    refused("PAPER renders compact models only", pack, scene, PAPER, quality="faithful")
 
 
-def edited(image: np.ndarray, offset: int, width: int, value: int) -> np.ndarray:
+def edited(image: np.ndarray, offset: int, width: int, value: int) -> PackedModel:
     """The model with `value` in its bits from `offset` on, and a matching checksum."""
     bits_ = np.unpackbits(image, bitorder="little")
     bits_[offset : offset + width] = [value >> k & 1 for k in range(width)]
-    image = np.packbits(bits_, bitorder="little")
-    place = HEADER.offset("checksum") // 8
-    image[place : place + 4] = np.frombuffer(np.uint32(checksum(image)).tobytes(), np.uint8)
-    return image
+    return with_checksum(np.packbits(bits_, bitorder="little"), "odd")
 
 
 CHUNK_AT = 8 * 64  # bit at which chunk headers begin
@@ -270,16 +256,15 @@ EDITS = {
 def test_headers_that_contradict_themselves_are_refused(name):
     *edit, message = EDITS[name]
     model, _ = pack(cloud(13, count=300, degree=3), quality="faithful")
-    with pytest.raises(InputError, match=f"^odd: .*{message}"):
-        PackedModel(edited(model.image, *edit), "odd")
+    refused(f"^odd: .*{message}", edited, model.image, *edit)
 
 
 def test_halves_need_all_their_degrees():
     """COARSE stores degree 3 in half-step codes without a zero: not for a model of degree 2."""
     scene = cloud(14, count=300, degree=3)
     model, _ = pack(scene, quality=np.full(2, COARSE))
-    with pytest.raises(InputError, match="harmonics 2 of a chunk does not go with SH degree 2"):
-        PackedModel(edited(model.image, HEADER.offset("sh_degree"), 8, 2), "odd")
+    message = "harmonics 2 of a chunk does not go with SH degree 2"
+    refused(message, edited, model.image, HEADER.offset("sh_degree"), 8, 2)
     for kind in (COARSE, FINE):
         flat, _ = pack(scene.with_sh_degree(2), quality=np.full(2, kind))
         assert set(flat.chunks["harmonics"]) == {SECOND}

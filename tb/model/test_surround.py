@@ -12,8 +12,8 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.spec.camera import Camera, look_at
-from splatcore.spec.error import InputError
 from splatcore.spec.scene import Gaussians, Scene
+from tb.helpers.refusal import refused
 from tb.helpers.round_gaussians import ball, boxes, gaussians, joined
 from tb.helpers.scenes import needs_scenes, scene_path
 
@@ -131,8 +131,7 @@ NOTHING += [gaussians(ball(5), scale=np.inf)]
 
 @pytest.mark.parametrize("scene", NOTHING)
 def test_nothing_to_see(scene):
-    with pytest.raises(InputError, match="no Gaussian can be seen"):
-        surrounding_views(scene, 4, 64, 36)
+    refused("no Gaussian can be seen", surrounding_views, scene, 4, 64, 36)
 
 
 @pytest.mark.parametrize(
@@ -145,8 +144,7 @@ def test_nothing_to_see(scene):
     ],
 )
 def test_bad_arguments(arguments, message):
-    with pytest.raises(InputError, match=message):
-        surrounding_views(gaussians(ball(50)), *arguments)
+    refused(message, surrounding_views, gaussians(ball(50)), *arguments)
 
 
 def test_garden():

@@ -119,8 +119,20 @@ def _fault(name: str, text: str, kind: str, old: ast.expr, new: str) -> Fault:
 
 def each(faults: Iterable[str]) -> list:
     """Faults as parameters of a test: the first for `make test`, the others for `make verify`."""
-    first, *others = faults
-    return [first, *(pytest.param(name, marks=pytest.mark.verify) for name in others)]
+    marks = [(), *[pytest.mark.verify] * len(list(faults))]
+    return [pytest.param(name, marks=mark) for name, mark in zip(faults, marks, strict=False)]
+
+
+def planted_in(part: type, **methods: dict[str, tuple[str, str]]) -> dict[str, tuple]:
+    """A table of faults by name: class, method, text to replace in the method, new text.
+
+    methods: by name of the method, texts by fault
+    """
+    return {
+        name: (part, method, *texts)
+        for method, all in methods.items()
+        for name, texts in all.items()
+    }
 
 
 def planted(method: Callable, old: str, new: str) -> Callable:

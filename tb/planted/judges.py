@@ -5,7 +5,7 @@ testbench of its stage, small frames and injected faults of the whole machine, t
 `DEFAULT`, and a machine with 64-bit addresses if the file has logic for them.
 """
 
-from tb.helpers.stage_cases import STAGES
+from tb.stages.points import PARTS
 
 MACHINE = (
     "tb/machine/test_machine.py tb/machine/test_machine_steps.py tb/machine/test_faults.py "
@@ -13,7 +13,7 @@ MACHINE = (
 )
 DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
-STAGE = "tb/hdl/test_points.py -k 'stages and {}'"
+STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
@@ -27,13 +27,13 @@ QUICK = {
     "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or one_entry or buffers'",
     "binning/binned": "tb/hdl/test_binned.py",
     "binning/row_end": "tb/hdl/test_row_end.py",
-    "frame": "tb/hdl/test_frame.py tb/hdl/test_formal_frame.py -k 'not fault'",
+    "frame": "tb/hdl/test_frame.py tb/hdl/test_proofs.py -k 'frame and not fault'",
     "lib/counters": "tb/hdl/test_counters.py",
-    "lib/credit": "tb/hdl/test_formal_credit.py -k 'not fault' tb/hdl/test_holds.py",
+    "lib/credit": "tb/hdl/test_proofs.py tb/hdl/test_holds.py -k '(credit or holds) and not fault'",
     "lib/latency": "tb/hdl/test_scale.py -k one_side",
     "lib/holds": "tb/hdl/test_holds.py",
     "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
-    "lib/stream": "tb/hdl/test_stream.py -k verilator",
+    "lib/stream": "tb/hdl/test_stream.py",
     "memory/axi": "tb/hdl/test_axi.py",
     "memory/bus": "tb/hdl/test_axi.py",
     "memory/fetch": "tb/hdl/test_fetch.py",
@@ -43,7 +43,7 @@ QUICK = {
     "memory/words": "tb/hdl/test_words.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points": STAGE.format("project"),
-    "points/array": "tb/hdl/test_array.py -k stalls",
+    "points/array": STAGE.format("cull or place or project"),
     "points/check": "tb/hdl/test_check.py",
     "points/chunk": "tb/hdl/test_chunk.py -k mixed",
     "points/codebook": "tb/hdl/test_codebook.py -k equals",
@@ -54,7 +54,7 @@ QUICK = {
     "points/model_reader": "tb/hdl/test_model_reader.py",
     "points/position": STAGE.format("cull"),
     "points/preprocess": "",
-    **{f"points/{name}": STAGE.format(name) for name in STAGES if name != "chunk"},
+    **{f"points/{name}": STAGE.format(name) for name in PARTS if name != "chunk"},
     "raster": BLENDED,
     "raster/features": "tb/hdl/test_holds.py -k unrequested",
     "raster/finished": "tb/hdl/test_finished.py",
@@ -78,6 +78,7 @@ BENCHES = {
     "binning": ["bin", "preprocess"],
     "binning/binned": ["preprocess"],
     "lib": ["sort", "project", "render"],
+    "lib/stream": ["streams", "sort", "project", "render"],
     "memory": ["preprocess", "render"],
     "points": ["project"],
     "points/check": ["preprocess"],

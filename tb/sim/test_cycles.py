@@ -13,11 +13,13 @@ from splatcore.model.generate.generate import generated_camera
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.stages import OF_POINTS
-from splatcore.study.bench.sort_rows import sort_rows
-from tb.helpers import bin_frames, raster_rows, stage_cases
+from tb.helpers import bin_frames
 from tb.helpers.machines import garden
 from tb.helpers.point_rows import point_rows
 from tb.helpers.runs import compiled
+from tb.stages import points
+from tb.stages.raster import Lists
+from tb.stages.sorting import sort_case
 
 WITHIN = 0.03  # the model's relative error at most
 
@@ -38,7 +40,7 @@ def check(modelled: int, cycles: int):
 @pytest.mark.parametrize("stage", OF_POINTS)
 def test_stages_0_and_1(stage):
     rows = point_rows(DEFAULT, garden(DEFAULT, GAUSSIANS), generated_camera("garden"))
-    check(getattr(modelled()[1], stage), stage_cases.check(stage, rows, 0).cycles)
+    check(getattr(modelled()[1], stage), points.check(stage, rows, 0).cycles)
 
 
 @pytest.mark.slow
@@ -46,9 +48,8 @@ def test_binning():
     frame, cycles = modelled()
     camera = generated_camera("garden")
     codes = splat_codes(DEFAULT, frame.points.projected)
-    run, _ = bin_frames.check(
-        "DEFAULT", [bin_frames.Frame(codes, camera.width, camera.height)], stall=0
-    )
+    given = bin_frames.Frame(codes, camera.width, camera.height)
+    run, _ = bin_frames.check(DEFAULT, [given], stall=0)
     check(cycles.bin, run.cycles)
 
 
@@ -57,24 +58,18 @@ def test_stage_2():
     frame, cycles = modelled()
     order = np.argsort(frame.binned.group, kind="stable")
     entries = {name: codes[order] for name, codes in frame.binned.entries.items()}
-    rows = sort_rows(DEFAULT, np.diff(frame.start), entries)
-    result = compiled(Sort, DEFAULT, samples=("o__valid", "o__payload")).run(
-        rows.inputs, constants={"stop": 0, "clear": 0}, expected=rows.counts
-    )
-    assert result.finished
-    check(cycles.sort, result.cycles)
+    case = sort_case(DEFAULT, np.diff(frame.start), entries)
+    part = compiled(Sort, DEFAULT, samples=("o__valid", "o__payload"))
+    check(cycles.sort, case.check(part).cycles)
 
 
 @pytest.mark.verify
 def test_stage_3():
     frame, cycles = modelled()
     camera = generated_camera("garden")
-    run = raster_rows.run_groups(
-        DEFAULT, frame.binned.features, frame.sorted,
-        (camera.width, camera.height), np.flatnonzero(np.diff(frame.start)),
-    )  # fmt: skip
-    assert run.differing == 0
-    check(cycles.raster, run.result.cycles)
+    size, groups = (camera.width, camera.height), np.flatnonzero(np.diff(frame.start))
+    lists = Lists(DEFAULT, frame.binned.features, frame.sorted, size, chosen=groups)
+    check(cycles.raster, lists.run().result.cycles)
 
 
 def test_model_knows_sizes():

@@ -40,6 +40,8 @@ def copy(tmp_path_factory):
     root = tmp_path_factory.mktemp("splatcore")
     for room in ("spec", "model", "golden", "hdl", "sim", "eda", "study", "app"):
         shutil.copytree(ROOT / room, root / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for init in ROOT.glob("__init__.py"):
+        shutil.copy(init, root)
     return root
 
 

@@ -46,8 +46,24 @@ def test_lines():
     assert operation_counts(steps) == {"multiply": 3, "add": 3, "rsqrt": 1}
 
 
+def test_sums_of_products():
+    """A sum of products is one step for each, as if they were written one by one."""
+    one_by_one = "s0 = a * b\ns1 = c * d + s0\ns = s1 - e * f\nt0 = a * s\nt = t0 - b * s"
+    assert parse("s = a * b + c * d - e * f\nt = a * s - b * s") == parse(one_by_one)
+
+
 @pytest.mark.parametrize(
-    "line", ["a = x / y", "a = x * y\na = x * z", "a x * y", "a = cube(x)", "a = rsqrt(x, y, z)"]
+    "line",
+    [
+        "a = x / y",
+        "a = x * y\na = x * z",
+        "a x * y",
+        "a = cube(x)",
+        "a = rsqrt(x, y, z)",
+        "a0 = x * y\na = x * y + y * z",
+        "a = x * y + y * z + x",
+        "a = x - x * y + y * z",
+    ],
 )
 def test_invalid_line_is_quoted(line):
     with pytest.raises(ValueError, match=r"microprogram line \d: '"):

@@ -1,10 +1,8 @@
 """Number formats against exact rationals, and against numpy's float16 and float32.
 
-The oracles share no code with `spec.number`: they compute each code's value as a `Fraction` from
-the format's definition, and find the nearest code by bisection over all codes.
+The oracles share no code with `spec.number`: `tb.helpers.exact_floats`.
 """
 
-from bisect import bisect_right
 from fractions import Fraction
 from itertools import product
 from math import ceil, floor
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 
 from splatcore.spec.number import FP16, FP24, Bits, Fixed, Float
+from tb.helpers.exact_floats import exact, infinity_code, nearest
 
 pytestmark = pytest.mark.filterwarnings("error", "ignore::amaranth.hdl.UnusedElaboratable")
 
@@ -63,46 +62,19 @@ def some_codes(rng: np.random.Generator, first: int, end: int, count: int) -> np
     return np.unique(np.concatenate([random, random + 1, first + ends, end - 1 - ends]))
 
 
-def float_value(format: Float, magnitude: int) -> Fraction:
-    """Return the value of a code without sign, as if the highest exponent were a normal one."""
-    biased, fraction = divmod(magnitude, 2**format.fraction)
-    if biased == 0 and not format.subnormal:
-        return Fraction(0)
-    significand = (biased > 0) + Fraction(fraction, 2**format.fraction)
-    return significand * Fraction(2) ** (max(biased, 1) - (2 ** (format.exponent - 1) - 1))
-
-
-def infinity_code(format: Float) -> int:
-    """Return the first code that is not finite: infinity, or the code after the largest value."""
-    return (2**format.exponent - (format.overflow == "infinity")) * 2**format.fraction
-
-
 def float_code(format: Float, value: float) -> int:
     """Return the code nearest to a value (not NaN), ties to even."""
-    negative, infinity = bool(np.signbit(value)), infinity_code(format)
-    if negative and not format.signed:
-        return 0
-    # Without subnormal values the last code of exponent 0 stands for zero.
-    zero = 0 if format.subnormal else 2**format.fraction - 1
-    codes = range(zero, infinity + 1)
-    exact = float_value(format, infinity) if np.isinf(value) else abs(Fraction(float(value)))
-    index = bisect_right(codes, exact, key=lambda code: float_value(format, code))
-    below, above = codes[index - 1], codes[min(index, len(codes) - 1)]
-    side = 2 * exact - float_value(format, below) - float_value(format, above)
-    below = 0 if below == zero else below
-    code = below if side < 0 or (side == 0 and below % 2 == 0) else above
-    if format.overflow == "saturate":
-        code = min(code, infinity - 1)
-        negative = negative and code > 0
-    return code + negative * 2 ** (format.exponent + format.fraction)
+    exact_value = value if np.isinf(value) else Fraction(float(value))
+    return nearest(format, exact_value, bool(np.signbit(value)))
 
 
 def hard_values(format: Float, rng: np.random.Generator, count: int) -> np.ndarray:
     """Return values of codes, ties and their neighbours, values around both ends, random ones."""
     normal = 2**format.fraction
     codes = some_codes(rng, 0, infinity_code(format), count)
-    codes = np.union1d(codes, some_codes(rng, max(normal - 8, 0), normal + 8, 8))
-    grid = np.unique([float(float_value(format, int(code))) for code in codes])
+    end = min(normal + 8, infinity_code(format))
+    codes = np.union1d(codes, some_codes(rng, max(normal - 8, 0), end, 8))
+    grid = np.unique([float(exact(format, int(code))) for code in codes])
     largest, smallest = grid[-1], 2.0 ** (1 - format.bias)
     step = largest - grid[-2]
     ends = np.concatenate([largest + step * np.array([0.5, 1, 2]), smallest * np.array([0.5, 0.7])])
@@ -123,7 +95,7 @@ def test_float_encode(format):
 def test_float_decode(format):
     """Values of finite codes, with and without sign; infinity and NaN above them."""
     codes = some_codes(np.random.default_rng(2), 0, infinity_code(format), 300)
-    expected = np.array([float(float_value(format, int(code))) for code in codes])
+    expected = np.array([float(exact(format, int(code))) for code in codes])
     np.testing.assert_array_equal(format.decode(codes), expected)
     assert not np.signbit(format.decode(codes)).any()
     if format.signed:
@@ -190,15 +162,15 @@ def test_float_properties(format):
     normal = 2**format.fraction
     assert format.bias == 2 ** (format.exponent - 1) - 1
     assert format.width == format.signed + format.exponent + format.fraction
-    assert format.max == float_value(format, finite)
-    assert format.min_normal == float_value(format, normal)
-    assert format.min_subnormal == float_value(format, 1 if format.subnormal else normal)
+    assert format.max == exact(format, finite)
+    assert format.min_normal == exact(format, normal)
+    assert format.min_subnormal == exact(format, 1 if format.subnormal else normal)
     values = np.abs(hard_values(format, np.random.default_rng(6), 50))
     values = values[(values >= format.min_normal) & (values <= format.max)]
     for value, rounded in zip(values, format.round(values), strict=True):
         error = abs(Fraction(float(value)) - Fraction(float(rounded)))
         assert error <= Fraction(format.epsilon) * Fraction(float(value))
-    assert 1 + 2 * format.epsilon == float_value(format, format.bias * normal + 1)
+    assert 1 + 2 * format.epsilon == exact(format, format.bias * normal + 1)
 
 
 @pytest.mark.parametrize("format", FIXED, ids=str)

@@ -116,7 +116,7 @@ def test_names_and_files(tmp_path):
          "arithmetic must be signed"),
         ("exponent_fraction = 10\npixel_fraction = 13", "pixel_fraction 13 is above 12"),
         ("pixel_fraction = 6\npower_fraction = 7", "power_fraction 7 is above 6"),
-        ("transmittance = 10", "faint (4, 11, 8) is not 1 ≤ a ≤ c ≤ b ≤ 10"),
+        ("transmittance = 10", "ends=8) is not 1 ≤ dark ≤ ends ≤ taken ≤ 10"),
         ("transmittance = 10\nfaint = []", "weight 11 is above 10, the limit set by"),
         ("weight = 7\ncolour_fraction = 6", "sum_fraction 13 is above 12"),
         ("page = 4\nburst = 8", "burst 8 is above 4"),

@@ -1,1 +1,1 @@
-"""Stages under cocotb, one file per stage: its component, and its cases from the golden model."""
+"""The table of stages (`table`), and their cases from the golden model."""

@@ -1,34 +1,45 @@
 """Each stage under cocotb, in Verilator and, if installed, in Icarus."""
 
+import json
 from dataclasses import replace
-from importlib import import_module
-from pkgutil import iter_modules
 
 import numpy as np
 import pytest
 
-from tb import stages
-from tb.helpers.feeds import KINDS, run_cases
+from splatcore.sim.rtl.cocotb_runner import run_testbench
 from tb.helpers.runs import needs_icarus
-
-STAGES = {
-    module.name: import_module(f"tb.stages.{module.name}")
-    for module in iter_modules(stages.__path__)
-    if not module.name.startswith("test_")
-}
-"""Every file in this folder: `component` makes the stage, `cases` its cases."""
+from tb.stages.table import KINDS, STAGES, Stage
 
 pytestmark = pytest.mark.slow
 
 SIMULATORS = ["verilator", pytest.param("icarus", marks=(needs_icarus, pytest.mark.testbenches))]
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_stages_have_all_cases(stage):
-    """Or their docstring explains why a kind is missing."""
-    module = STAGES[stage]
-    for kind in KINDS:
-        assert (kind in module.cases()) != (f"No {kind}: " in " ".join(module.__doc__.split()))
+def run(name: str, stage: Stage, folder, simulator: str = "verilator", few: bool = False):
+    """Run all cases in a simulator, and print one line per run.
+
+    few: one stall pattern and one reset only, for a slow simulator
+    """
+    cases = {kind: case.numbers() for kind, case in stage.cases().items()}
+    (folder / "cases.json").write_text(json.dumps(cases))
+    summary = folder / "summary"
+    summary.touch()
+    try:
+        run_testbench(
+            stage.component(), "tb.testbenches.stage",
+            simulator=simulator, folder=str(folder), few=few,
+        )  # fmt: skip
+    finally:
+        for line in summary.read_text().splitlines():
+            print(f"{name} under {simulator}: {line}")
+
+
+@pytest.mark.parametrize("name", STAGES)
+def test_stages_have_all_cases(name):
+    """Or the table says why a kind is missing."""
+    stage = STAGES[name]
+    given = stage.cases()
+    assert stage.missing.keys().isdisjoint(given) and given.keys() | stage.missing >= {*KINDS}
 
 
 WRONG = {
@@ -41,15 +52,14 @@ WRONG = {
 
 @pytest.mark.parametrize("found", WRONG)
 def test_what_is_wrong_is_found(found, tmp_path):
-    right = STAGES["cascade"].cases()["full"]
-    given = {"full": replace(right, expected={"o": WRONG[found](right.expected["o"])})}
+    stage = STAGES["cascade"]
+    right = stage.cases()["full"]
+    wrong = replace(right, expected={"o": WRONG[found](right.expected["o"])})
     with pytest.raises(AssertionError, match=found):
-        run_cases("cascade", STAGES["cascade"].component(), given, tmp_path, few=True)
+        run("cascade", replace(stage, cases=lambda: {"full": wrong}), tmp_path, few=True)
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("name", STAGES)
 @pytest.mark.parametrize("simulator", SIMULATORS)
-def test_stage(stage, simulator, tmp_path):
-    module = STAGES[stage]
-    few = simulator == "icarus"
-    run_cases(stage, module.component(), module.cases(), tmp_path, simulator, few)
+def test_stage(name, simulator, tmp_path):
+    run(name, STAGES[name], tmp_path, simulator, few=simulator == "icarus")

@@ -14,6 +14,7 @@ from splatcore.sim.frame import choose
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
+from splatcore.spec.convention import Faint
 from splatcore.study.accuracy import budget as budgets
 from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES, budget
 from splatcore.study.accuracy.points import Reference
@@ -127,7 +128,7 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
         codes = features | {"opacity": features["opacity"] + 1}
         return rasterize(config, codes, *arguments, **options)
 
-    monkeypatch.setattr(budgets, "faint_rule", lambda config: (0.5, 2.0**-6, 2.0**-4))
+    monkeypatch.setattr(budgets, "faint_rule", lambda config: Faint(0.5, 2.0**-6, 2.0**-4))
     rule = squares(exact, points)
     assert [name for name in MACHINE if rule[name] != before[name]] == ["too faint"]
     assert rule["too faint"] > 5 * before["too faint"] > 0
