@@ -40,8 +40,8 @@ demo: install
 	$(SPLATCORE) pack out/garden.ply -o out/garden.splatcore --camera out/garden.json
 	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(or $(SIZE),640x360) \
 		-o out/reference.png --heat-map out/tiles.png
-	$(SPLATCORE) render out/garden.splatcore --camera out/garden.json --size $(or $(SIZE),640x360) \
-		--engine rtl -o out/rtl.png --error-map out/error.png --json out/rtl.json
+	$(SPLATCORE) simulate out/garden.splatcore --camera out/garden.json --size $(or $(SIZE),640x360) \
+		-o out/rtl.png --error-map out/error.png --json out/rtl.json
 	$(SPLATCORE) registers -o docs
 
 pictures: install

@@ -53,23 +53,16 @@ def find_preset(text: str) -> Config:
 
 def read_preset(path: str | Path) -> Config:
     """Return the machine of a TOML file; raise InputError, naming file and key, if invalid."""
-    try:
-        table = tomllib.loads(Path(path).read_bytes().decode())
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8 text") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: is not TOML: {error or 'nested too deeply'}") from None
+    table = read_table(path)
     if not table:
         raise InputError(f"{path}: is empty; a preset sets at least one field")
     hints = get_type_hints(Config)
-    _check_keys(str(path), table, ("base", *hints))
+    check_keys(str(path), table, ("base", *hints))
     base = table.pop("base", DEFAULT.name)
     if not isinstance(base, str) or base.upper() not in PRESETS:
         raise InputError(f"{path}: base {base!r} is unknown; choose one of {', '.join(PRESETS)}")
     table.setdefault("name", re.sub(r"[^A-Za-z0-9_-]", "_", Path(path).stem))
-    values = {key: _value(hints[key], table[key], f"{path}: {key}") for key in table}
+    values = {key: typed(hints[key], table[key], f"{path}: {key}") for key in table}
     name = values["name"]
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise InputError(f"{path}: name {name!r} may only have letters, digits, _ and -")
@@ -83,6 +76,18 @@ def read_preset(path: str | Path) -> Config:
     return config
 
 
+def read_table(path: str | Path) -> dict:
+    """Return a TOML file's table; raise InputError, naming the file, if it has none."""
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode())
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not UTF-8 text") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: is not TOML: {error or 'nested too deeply'}") from None
+
+
 def changed(config: Config, values: dict[str, object], name: str = "own") -> Config:
     """Return a machine named `name` with other values of some fields.
 
@@ -90,9 +95,9 @@ def changed(config: Config, values: dict[str, object], name: str = "own") -> Con
     that cannot be built.
     """
     hints = {key: hint for key, hint in get_type_hints(Config).items() if key != "name"}
-    _check_keys("preset", values, hints)
+    check_keys("preset", values, hints)
     plain = {key: v.item() if isinstance(v, np.generic) else v for key, v in values.items()}
-    found = {key: _value(hints[key], value, f"preset: {key}") for key, value in plain.items()}
+    found = {key: typed(hints[key], value, f"preset: {key}") for key, value in plain.items()}
     made = replace(config, name=name, **found)
     check_buildable(made)
     return made
@@ -135,7 +140,7 @@ def check_buildable(config: Config):
         refuse("codebook", f"{config.codebook} bytes are below the {harmonics} of {slots} slots")
 
 
-def _check_keys(where: str, table: dict, known: Iterable[str]):
+def check_keys(where: str, table: dict, known: Iterable[str]):
     """Raise InputError for an unknown key, and suggest a similar one."""
     known = tuple(known)
     for key in table:
@@ -145,7 +150,7 @@ def _check_keys(where: str, table: dict, known: Iterable[str]):
             raise InputError(f"{where}: unknown key '{key}'{hint} (known: {', '.join(known)})")
 
 
-def _value(hint, value, where: str):
+def typed(hint, value, where: str):
     """Convert a value of TOML or Python to a field's type; raise InputError, naming the field."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
@@ -156,7 +161,7 @@ def _value(hint, value, where: str):
         if not isinstance(value, list | tuple):
             raise InputError(f"{where}: {value!r} is not an array")
         inner = arguments[0] if origin is tuple else int
-        return tuple(_value(inner, item, f"{where}[{k}]") for k, item in enumerate(value))
+        return tuple(typed(inner, item, f"{where}[{k}]") for k, item in enumerate(value))
     if is_dataclass(hint):
         if hint is Float and isinstance(value, str) and value in FLOATS:
             return FLOATS[value]
@@ -180,11 +185,11 @@ def _dataclass(kind: type, value, where: str):
         some = f" nor one of {', '.join(FLOATS)}" if kind is Float else ""
         raise InputError(f"{where}: {value!r} is not a table of {kind.__name__}'s fields{some}")
     hints = get_type_hints(kind)
-    _check_keys(where, value, hints)
+    check_keys(where, value, hints)
     for field in fields(kind):
         if field.name not in value and field.default is MISSING:
             raise InputError(f"{where}: '{field.name}' is missing")
-    found = {key: _value(hints[key], item, f"{where}.{key}") for key, item in value.items()}
+    found = {key: typed(hints[key], item, f"{where}.{key}") for key, item in value.items()}
     try:
         return kind(**found)
     except ValueError as error:

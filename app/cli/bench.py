@@ -8,8 +8,9 @@ import typer
 from splatcore.app.cli.options import OUTPUT, SCENE, App, app, argument, check_quality, option
 from splatcore.sim.common.output import console, make_folder, messages, write_json
 from splatcore.sim.frame.reading import AS_STATED, Reading
+from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.size import parse_size
-from splatcore.sim.frame.source import VIEW_SIZE, View, check_fits, check_source
+from splatcore.sim.frame.source import VIEW_SIZE, check_fits, check_source
 from splatcore.spec.config import Config
 
 bench = App("bench", no_args_is_help=True, help="Measure many scenes or machines in one run.")

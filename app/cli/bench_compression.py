@@ -3,24 +3,16 @@
 from pathlib import Path
 
 from splatcore.app.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
-from splatcore.app.cli.compress_options import (
-    LEARN,
-    TRAINING,
-    BesideOption,
-    DegreeOption,
-    QualityOption,
-    RateOption,
-)
+from splatcore.app.cli.compress_options import LEARN, TRAINING
 from splatcore.app.cli.options import (
-    AntialiasedOption,
-    AxesOption,
-    NearOption,
+    MACHINE,
     PresetOption,
     argument,
     option,
 )
 from splatcore.app.cli.power import LibertyOption, ProcessOption, checked_library
 from splatcore.eda.cells.liberty import Library
+from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import make_folder
 from splatcore.sim.frame.reading import Reading
@@ -67,11 +59,37 @@ ViewSizeOption = option(str, "WxH", "Pixels of the pictures to learn from.", pan
 ScaleOption = option(float, "S", "Shrink the photographs by this factor, 0 … 1.", panel=LEARN)
 OrderOption = option(str, "ORDER", "distill-first, or prune-first as in the paper.", panel=TRAINING)
 SeedOption = option(int, "S", "Random seed.", panel=TRAINING)
+BesideOption = option(
+    float | None,
+    "S",
+    "With --cameras: share of the views off the path, up to 15° aside, at 0.8 to 1.25 times its "
+    f"distance. Default: {compression_run.BESIDE_SHARE:g}.",
+    min=0,
+    max=1,
+    panel=LEARN,
+)
+RateOption = option(float, "S", "Factor on the default learning rates.", panel=TRAINING)
+DegreeOption = option(
+    int | None,
+    "N",
+    "Degree of the model's harmonics; from 2 on it is packed in steps. Default: chosen by trials.",
+    min=0,
+    max=3,
+    panel=MACHINE,
+)
+QualityOption = option(
+    str | None,
+    "NAME",
+    f"Packing. Degree 2 or 3: {' or '.join(STEPPED)} (default {STEPPED[0]}); degree 0 or 1: "
+    f"{' or '.join(INDEXED)} (default: chosen for a target, else {COMPACT}).",
+    panel=MACHINE,
+)
 
 
 @bench.command("compression")
 def compression_command(
     output: FolderOption,
+    reading: Reading,
     scene: ScenesArgument = None,
     part: PartOption = ALL_PARTS,
     steps: StepsOption = None,
@@ -88,9 +106,6 @@ def compression_command(
     degree: DegreeOption = DEFAULTS.degree,
     quality: QualityOption = DEFAULTS.quality,
     seed: SeedOption = DEFAULTS.seed,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     preset: PresetOption = "DEFAULT",
     liberty: LibertyOption = None,
     process: ProcessOption = None,
@@ -112,7 +127,7 @@ def compression_command(
     protocol = Protocol(
         find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
         at_least("--views", views), parse_size(view_size), beside, parse_size(size), scale, seed,
-        rate, order, degree, quality, Reading(antialiased, axes, near),
+        rate, order, degree, quality, reading,
     )  # fmt: skip
     if not 0 < scale <= 1:
         raise InputError(f"--scale {scale:g}: must be above 0 and at most 1")

@@ -3,9 +3,6 @@
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
     MACHINE,
-    AntialiasedOption,
-    AxesOption,
-    NearOption,
     PresetOption,
     option,
 )
@@ -31,12 +28,10 @@ TargetsOption = option(
 @bench.bench.command("quality")
 def quality_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     psnr: TargetsOption = TARGETS,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -52,9 +47,7 @@ def quality_command(
     except ValueError:
         raise InputError(f"--psnr '{psnr}': must be numbers separated by commas") from None
     config = find_preset(preset)
-    found = bench.look(
-        output, scene, cameras, size, [config], reading=Reading(antialiased, axes, near)
-    )
+    found = bench.look(output, scene, cameras, size, [config], reading=reading)
     facts = quality(config, found, targets, output, scheduler)
     Table.of(
         "quality", "by golden and cycle model", columns(QualityRow, SHOWN), facts["rows"]

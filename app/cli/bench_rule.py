@@ -5,9 +5,6 @@ from dataclasses import replace
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
     MACHINE,
-    AntialiasedOption,
-    AxesOption,
-    NearOption,
     PresetOption,
     option,
 )
@@ -28,12 +25,10 @@ QualityOption = option(
 @bench.bench.command("rule")
 def rule_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
     scheduler: bench.SchedulerOption = None,
@@ -46,12 +41,10 @@ def rule_command(
     error compare 8-bit pictures with the reference's of the same packed model under 3DGS's rule.
     Writes DIR/rule.json, rule.md and rule.csv.
     """
+    config = find_preset(preset)
+    found = bench.look(output, scene, cameras, size, [config], quality, reading)
     from splatcore.study.bench.rule import measure_rules, over_all
 
-    config = find_preset(preset)
-    found = bench.look(
-        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
-    )
     found = [
         view if view.quality or is_packed(view.scene) else replace(view, quality=COMPACT)
         for view in found

@@ -5,9 +5,6 @@ import typer
 from splatcore.app.cli import bench
 from splatcore.app.cli.options import (
     MACHINE,
-    AntialiasedOption,
-    AxesOption,
-    NearOption,
     PresetOption,
     QualityOption,
     option,
@@ -41,12 +38,10 @@ RtlOption = option(
 @bench.bench.command("scenes")
 def scenes_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     timing: TimingOption = "both",
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
@@ -58,9 +53,7 @@ def scenes_command(
     """
     config = find_preset(preset)
     timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
-    found = bench.look(
-        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
-    )
+    found = bench.look(output, scene, cameras, size, [config], quality, reading)
     from splatcore.study.bench import scenes
 
     right = scenes.bench_scenes(config, found, timings, output)
@@ -72,12 +65,10 @@ def scenes_command(
 @bench.bench.command("sweep")
 def sweep_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     only: PointOption = None,
     listed: ListOption = False,
     confirm: ConfirmOption = None,
@@ -102,12 +93,10 @@ def sweep_command(
             console.print(f"{point.name:22} {point.fields}", markup=False, soft_wrap=True)
         return
     machines = [point.config for point in chosen]
-    found = bench.look(
-        output, scene, cameras, size, machines, reading=Reading(antialiased, axes, near)
-    )
+    found = bench.look(output, scene, cameras, size, machines, reading=reading)
     facts = campaigns.sweep(chosen, found, output, scheduler)
     if confirm:
-        view = bench.view_of(confirm, found[0].size, reading=Reading(antialiased, axes, near))
+        view = bench.view_of(confirm, found[0].size, reading=reading)
         campaigns.confirm(chosen, facts, view, output)
     sweep_table(facts).print()
     bench.finish(output / "sweep.json", facts)
@@ -130,12 +119,10 @@ def sweep_table(facts: dict) -> Table:
 @bench.bench.command("ablation")
 def ablation_command(
     output: bench.FolderOption,
+    reading: Reading,
     scene: bench.ScenesArgument = None,
     cameras: bench.CamerasOption = None,
     size: bench.PixelsOption = bench.SIZE,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     rtl: RtlOption = None,
     quality: QualityOption = None,
     preset: PresetOption = "DEFAULT",
@@ -147,13 +134,10 @@ def ablation_command(
     cycle model, pictures and counts from the golden model. Writes DIR/ablation.json.
     """
     config = find_preset(preset)
-    found = bench.look(
-        output, scene, cameras, size, [config], quality, Reading(antialiased, axes, near)
-    )
+    found = bench.look(output, scene, cameras, size, [config], quality, reading)
     from splatcore.study.bench import campaigns
 
     size = found[0].size
-    reading = Reading(antialiased, axes, near)
     simulated = [bench.view_of(text, size, quality, reading) for text in rtl or ()]
     facts = campaigns.ablation(config, found, output, scheduler, simulated)
     ablation_table(facts).print()

@@ -12,10 +12,9 @@ from splatcore.app.cli.board import board
 from splatcore.app.cli.options import option
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.frame.metric import against, differences, metrics_line
+from splatcore.sim.frame.metric import against, metrics_line
 from splatcore.sim.frame.picture import write_png
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import check_fits, open_cameras, open_source
+from splatcore.sim.frame.shot import judge
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -73,14 +72,10 @@ def write_command(
 @board.command("render")
 def render_command(
     scene: options.SourceArgument,
+    view: options.Viewing,
     output: OutputOption,
     board: BoardOption,
     port: PortOption,
-    camera: options.CameraOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
     json: options.JsonOption = None,
 ):
     """Render a frame on a board and compare it with the golden model.
@@ -91,27 +86,22 @@ def render_command(
     from splatcore.eda.board.host import Host, read_board
 
     config, facts = read_board(board)
-    with progress_bar(f"reading {scene}"):
-        source = open_source(scene, Reading(antialiased, axes, near))
-        (view,) = open_cameras(camera, None, size, source)
-    check_fits(config, view.width, view.height)
+    shot = view.open(scene, config=config)
+    shot.check_fits()
     from splatcore.sim.frame import engines
-    from splatcore.sim.frame.choose import packed_model
-    from splatcore.sim.machine.machine import Job
 
     with closing(Host(port, config, facts)) as host:
-        with progress_bar("packing"):
-            job = Job(packed_model(source, config, view), view)
+        job = shot.job
         host.begin()
         begin = time.perf_counter()
         with progress_bar("loading the model") as advance:
             frame = host.frame(job, advance)
         seconds = time.perf_counter() - begin
     write_png(output, frame.pixels)
-    golden = engines.golden(config, job)
-    note_empty(source, view, golden.counts)
+    golden = engines.golden(shot)
+    note_empty(shot, golden.counts)
     wrong, clock = int((frame.pixels != golden.pixels).any(2).sum()), facts["clock_hz"]
-    found = differences(frame.pixels, engines.truths(source, job.model, view))
+    found = judge(frame, shot)
     rate = clock / max(frame.preprocessing, frame.rendering)
     same = f"{wrong} pixels differ from" if wrong else "identical to"
     text = f"{output}: {same} the golden model; against the reference: {metrics_line(found)}"
@@ -122,10 +112,10 @@ def render_command(
         soft_wrap=True,
     )
     facts_written = {
-        "scene": scene, "preset": config.name, "size": [view.width, view.height],
+        "scene": scene, "preset": config.name, "size": list(shot.size),
         "clock_hz": clock, "preprocessing_cycles": frame.preprocessing,
         "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
-        "seconds": round(seconds, 3), "identical": not wrong, **source.stated,
+        "seconds": round(seconds, 3), "identical": not wrong, **shot.source.stated,
     }  # fmt: skip
     write_json(json, facts_written | against(found))
     if wrong:

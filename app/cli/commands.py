@@ -52,6 +52,10 @@ COMMANDS = {
         "render", RENDER, "Render a picture, or one per camera, and count the work in it.",
         "garden --engine golden -o garden.png",
     ),
+    "simulate": Entry(
+        "simulate", RENDER, "Simulate the hardware in RTL: pictures, cycles, waveforms.",
+        "garden --preset tiny --size 64x64 -o rtl.png",
+    ),
     "compare": Entry(
         "compare", RENDER, "Compare images with the first one: PSNR, SSIM and maximum error.",
         "reference golden --scene garden --size 640x360",
@@ -171,14 +175,28 @@ COMMANDS = {
 }  # fmt: skip
 """Commands by name, in the order of the help."""
 
-GONE = {
-    "bench work": "its results are in docs/notes/2026-11-paper.md",
-    "bench formats": "its results are in docs/notes/2026-11-compression.md",
-    "bench coding": "its results are in docs/notes/2026-11-compression.md",
-    "bench differentiable": "its result is in docs/notes/2026-11-compression.md",
-    "programs": "spec/programs.py has the microprograms, `splatcore report` their operations",
-}
-"""Commands of earlier versions, and what to use instead."""
+SIMULATE = "`splatcore simulate` has it"
+RECIPE = "set `{}` in a TOML file for --recipe"
+
+GONE = (
+    {
+        f"render --{name}": SIMULATE
+        for name in "frames timing error-map waves window tile scope waves-max".split()
+    }
+    | {
+        f"compress --{name.replace('_', '-')}": RECIPE.format(name)
+        for name in "schedule steps distill_steps quantize_steps rate order degree quality seed "
+        "views beside scale hold_out".split()
+    }
+    | {
+        "bench work": "its results are in docs/notes/2026-11-paper.md",
+        "bench formats": "its results are in docs/notes/2026-11-compression.md",
+        "bench coding": "its results are in docs/notes/2026-11-compression.md",
+        "bench differentiable": "its result is in docs/notes/2026-11-compression.md",
+        "programs": "spec/programs.py has the microprograms, `splatcore report` their operations",
+    }
+)
+"""Commands and options of earlier versions, and what to use instead."""
 
 GROUPS = {"bench": (MEASURE, "bench scenes"), "board": (FPGA, "board write"),
           "soak": (HARDWARE, "soak frames")}  # fmt: skip

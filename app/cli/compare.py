@@ -8,7 +8,7 @@ from rich.table import Table
 from splatcore.app.cli import describe, options, path
 from splatcore.app.cli.bench import SchedulerOption
 from splatcore.app.cli.options import argument, option
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, write_json
 from splatcore.sim.frame.metric import (
     LEVELS,
     Compared,
@@ -18,18 +18,8 @@ from splatcore.sim.frame.metric import (
     differences,
 )
 from splatcore.sim.frame.picture import read_png, write_error_map
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import (
-    ENGINES,
-    Source,
-    check_fits,
-    open_cameras,
-    open_source,
-)
+from splatcore.sim.frame.shot import ENGINES, Shot
 from splatcore.sim.frame.unseen import note_empty
-from splatcore.spec.camera import Camera
-from splatcore.spec.config import Config
-from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
@@ -45,7 +35,7 @@ OutputOption = option(
     Path | None, "MAP.png", "Draw an error map of the second image.", "-o", panel=options.OUTPUT
 )
 
-WHOLE = "/"  # key of the pictures of the original scene: no image has this name
+MACHINES = {"golden", "rtl"}
 
 MEANING = {"machine": "the packed model", "scene": "the original scene"}
 """Gaussians that the reference renders, by the name of a row of golden or rtl."""
@@ -57,13 +47,8 @@ COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
 @options.app.command("compare")
 def compare_command(
     images: ImagesArgument,
+    view: options.Cameras,
     scene: SceneOption = None,
-    camera: options.CameraOption = None,
-    cameras: options.CamerasOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
     preset: options.PresetOption = "DEFAULT",
     scheduler: SchedulerOption = None,
     output: OutputOption = None,
@@ -76,18 +61,16 @@ def compare_command(
     compared with its picture of the original scene ("scene"). --cameras works with reference golden
     and prints one row per camera, and their minimum, mean and maximum.
     """
-    path.check(camera, cameras, scheduler)
+    path.check(view, scheduler)
     if len(images) < 2:
         raise InputError("compare: needs at least two images")
-    config, drawn, mark = find_preset(preset), {}, {}
-    reading = Reading(antialiased, axes, near)
-    if cameras:
+    config, drawn, shot = find_preset(preset), {}, None
+    if view.cameras:
         if images != ["reference", "golden"] or scene is None or output:
             raise InputError("--cameras: needs reference golden --scene SCENE, and no -o")
-        source, views = path.open_all(cameras, size, scene, reading, config)
-        quality = path.quality_of(source, config, views)
-        rows = list(path.along(compared_view, source, views, (config, quality), scheduler))
-        write_json(json, path.print_table(source, rows, COLUMNS, "golden against reference"))
+        shots = path.open_all(scene, view, True, config=config)
+        rows = list(path.along(compared_view, shots, scheduler=scheduler))
+        write_json(json, path.print_table(shots[0], rows, COLUMNS, "golden against reference"))
         return
     for text in images:
         if text not in ENGINES:
@@ -95,17 +78,15 @@ def compare_command(
         elif scene is None:
             raise InputError(f"compare {text}: needs --scene, the scene to render")
     if named := [text for text in images if text in ENGINES]:
-        with progress_bar(f"reading {scene}"):
-            source = open_source(scene, reading)
-            (view,) = open_cameras(camera, None, size, source)
-        pictures, counts = rendered(named, source, view, config)
-        drawn, mark = drawn | pictures, source.stated
-        note_empty(source, view, counts or {"visible": True})
-    found = compared(images, drawn, config.name, scene, camera, mark)
+        shot = view.open(scene, config=config)
+        pictures, counts = rendered(named, shot)
+        drawn |= pictures
+        note_empty(shot, counts or {"visible": True})
+    found = compared(images, drawn, config.name, scene, view.camera, shot)
     truth = (results := [result for result, _ in found])[0].against
     print_errors(images[0], found)
-    if mark:
-        console.print(describe.antialiased_line(source), soft_wrap=True)
+    if shot:
+        console.print(describe.antialiased_line(shot.source), soft_wrap=True)
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
         title = f"{images[1]} against {truth}: {psnr}"
@@ -114,22 +95,23 @@ def compare_command(
 
 
 def compared(
-    images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None, mark: dict
-) -> list[tuple[Compared, dict[str, Difference]]]:
+    images: list[str], drawn: dict, preset: str, scene: str | None, camera: str | None,
+    shot: Shot | None,
+) -> list[tuple[Compared, dict[str, Difference]]]:  # fmt: skip
     """Return the metrics of each image against the first one: for JSON, and by name for the table.
 
     drawn: the images, uint8 [H, W, 3], by name
-    mark: `Source.stated` of the scene that engines rendered; empty without a scene
+    shot: the frame that engines rendered
     """
     first = images[0]
-    packed = bool({"golden", "rtl"} & set(images))
-    truth = f"{first} on the packed model" if first == "reference" and packed else first
-    results = []
+    packed = first == "reference" and MACHINES & {*images}
+    truth = f"{first} on the packed model" if packed else first
+    mark, results = shot.source.stated if shot else {}, []
     for text in images[1:]:
         pixels, found = drawn[text], {}
         metrics = difference(pixels, drawn[first], text)
-        if first == "reference" and text in ("golden", "rtl"):
-            found = differences(pixels, {"machine": drawn[first]} | drawn[WHOLE])
+        if first == "reference" and text in MACHINES:
+            found = differences(pixels, shot.truths)
         about = text, preset, scene, camera, (pixels.shape[1], pixels.shape[0]), truth
         facts = asdict(metrics) | against(found) | mark
         result = Compared(*about, **facts, identical=metrics.identical)
@@ -153,16 +135,14 @@ def print_errors(first: str, found: list[tuple[Compared, dict[str, Difference]]]
         console.print("; ".join(lines), soft_wrap=True)
 
 
-def compared_view(source: Source, view: Camera, config: Config, quality: str | None) -> dict:
+def compared_view(shot: Shot) -> dict:
     """Worker: compare golden with reference; return a row with counts and packing."""
-    from splatcore.sim.frame.choose import packing
-
     images = ["reference", "golden"]
-    drawn, counts = rendered(images, source, view, config, quality)
-    mark = source.stated
-    [(result, _)] = compared(images, drawn, config.name, source.name, view.name, mark)
-    exact = {"machine": drawn["reference"]} | drawn[WHOLE]
-    return vars(result) | {"counts": counts, "packing": packing(source, exact)}
+    drawn, counts = rendered(images, shot)
+    [(result, _)] = compared(
+        images, drawn, shot.config.name, shot.source.name, shot.camera.name, shot
+    )
+    return vars(result) | {"counts": counts, "packing": shot.packing}
 
 
 def cells(metrics: Difference) -> tuple[str, str, str]:
@@ -174,31 +154,23 @@ def cells(metrics: Difference) -> tuple[str, str, str]:
     )
 
 
-def rendered(
-    engines: list[str], source: Source, view: Camera, config: Config, quality: str | None = None
-) -> tuple[dict, dict]:
-    """Render a source by engines; return the pictures by engine, and the counts.
+def rendered(images: list[str], shot: Shot) -> tuple[dict, dict]:
+    """Render a frame by engines; return the pictures by engine, and the counts.
 
-    With golden or rtl, the reference renders the packed model, and the key `WHOLE` holds {"scene":
-    its picture of the original scene}, or {} for a source that is a packed model.
+    With golden or rtl, the reference renders the packed model.
     """
-    from splatcore.sim.frame.choose import packed_model
-    from splatcore.sim.frame.engines import golden_of, reference, rtl_pixels, truths
+    from splatcore.sim.frame.engines import ENGINES, reference
 
-    if engines == ["reference"] * len(engines):
-        frame = reference(source.gaussians, view)
+    if not MACHINES & {*images}:
+        frame = reference(shot)
         return {"reference": frame.pixels}, frame.counts
-    check_fits(config, view.width, view.height)
-    with progress_bar("packing"):
-        model = packed_model(source, config, view, quality)
+    shot.check_fits()
     pictures, counts = {}, {}
-    if "reference" in engines:
-        exact = truths(source, model, view)
-        pictures["reference"] = exact.pop("machine")
-        pictures[WHOLE] = exact
-    if "golden" in engines:
-        frame = golden_of(source, view, config, SPLATCORE.background, quality)
-        pictures["golden"], counts = frame.pixels, frame.counts
-    if "rtl" in engines:
-        pictures["rtl"] = rtl_pixels(config, model, view, SPLATCORE.background)
+    for name in dict.fromkeys(images):
+        if name == "reference":
+            pictures[name] = shot.reference
+            continue
+        frame = ENGINES[name](shot)
+        pictures[name] = frame.pixels
+        counts |= frame.counts if name == "golden" else {}
     return pictures, counts

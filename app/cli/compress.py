@@ -7,6 +7,8 @@ import numpy as np
 
 from splatcore.app.cli import compress_options as own
 from splatcore.app.cli import options
+from splatcore.app.cli.commands import COMMANDS
+from splatcore.app.cli.recipe_file import KEYS, Pictures, named, read_recipe
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.model_file import file_bytes
@@ -67,58 +69,53 @@ def train_command(
     write_json(json, facts)
 
 
-@options.app.command("compress")
+@options.app.command(
+    "compress",
+    help=f"""{COMMANDS["compress"].summary}
+
+    Reduces harmonics, prunes, quantises, fine-tunes in between, and packs. For a target, trials
+    choose degree and number of Gaussians. Learns from photographs (--images) or rendered pictures,
+    on a path (--cameras) or all around. Resumes interrupted runs. Needs the extra `compress`.
+
+    --recipe FILE says how; its keys: {", ".join(KEYS)}. See docs/compression.md.
+    """,
+)
 def compress_command(
     scene: options.SceneArgument,
     output: options.ModelOption,
+    reading: Reading,
     images: own.ImagesOption = None,
     cameras: own.CamerasOption = None,
-    beside: own.BesideOption = None,
-    schedule: own.ScheduleOption = "0.4,0.4,0.4,0.2",
+    size: own.SizeOption = "1920x1080",
     target_ratio: own.RatioOption = None,
     target_bytes: own.BytesOption = None,
     target_psnr: own.PsnrOption = None,
     target_fps: own.FpsOption = None,
     max_drop: own.DropOption = None,
-    steps: own.TuneStepsOption = Recipe.steps,
-    distill_steps: own.DistillOption = Recipe.distill_steps,
-    quantize_steps: own.QuantizeOption = Recipe.quantize_steps,
-    rate: own.RateOption = Recipe.rate,
-    order: own.OrderOption = Recipe.order,
-    degree: own.DegreeOption = None,
-    quality: own.QualityOption = None,
-    views: own.ViewsOption = 480,
-    size: own.SizeOption = "1920x1080",
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
-    scale: own.ScaleOption = 1.0,
-    hold_out: own.HoldOutOption = 7,
-    seed: own.SeedOption = 0,
+    recipe: own.RecipeOption = None,
     work: own.WorkOption = None,
     preset: options.PresetOption = "DEFAULT",
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
-    """Compress a scene into a small packed model.
-
-    Reduces harmonics, prunes, quantises, fine-tunes in between, and packs. For a target, trials
-    choose degree and number of Gaussians. Learns from photographs (--images) or rendered pictures,
-    on a path (--cameras) or all around. Resumes interrupted runs. Needs the extra `compress`.
-    """
     run.check_installed()
-    recipe = Recipe(
-        parse_schedule(schedule), steps, distill_steps, quantize_steps, rate, order, degree,
-        quality, target_ratio, target_bytes, target_psnr, target_fps, max_drop, seed,
-    )  # fmt: skip
+    wanted = {"target_ratio": target_ratio, "target_bytes": target_bytes}
+    wanted |= {"target_psnr": target_psnr, "target_fps": target_fps, "max_drop": max_drop}
+    file, (recipe, pictures) = recipe, read_recipe(recipe, wanted)
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
-    config, pixels, share = find_preset(preset), parse_size(size), _beside(beside, cameras)
-    original = _opened(scene, reading := Reading(antialiased, axes, near))
-    recipe.check(original, config)
+    config, pixels, seed = find_preset(preset), parse_size(size), recipe.seed
+    if pictures.beside != Pictures.beside and not cameras:
+        raise InputError(f"{file}: beside: goes with --cameras")
+    original = _opened(scene, reading)
+    with named(file):
+        recipe.check(original, config)
     path = reading.seen(path_cameras(cameras, size) if cameras and not images else ())
-    learn, aside = _split(images, scale, hold_out, reading) if images else ((), ())
-    learn = learn or _own_pictures(original, path, views, pixels, seed, share, reading.near_plane)
+    if images:
+        with named(file):
+            learn, aside = _split(images, pictures.scale, pictures.hold_out, reading)
+    else:
+        learn, aside = _own_pictures(original, path, pixels, seed, pictures, reading), ()
     place = work or output.with_name(output.name + ".steps")
     checkpoints = Checkpoints(place, _key(original, learn, recipe, config))
     model = run.compressed(original, learn, recipe, checkpoints, config, scene)
@@ -153,13 +150,6 @@ def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
     return f"{digest([arrays, seen])}{mark} {recipe!r} {config!r}"
 
 
-def _beside(share: float | None, cameras: str | None) -> float:
-    """Return the share of views off the path; raise InputError if there is no path."""
-    if share is not None and not cameras:
-        raise InputError("--beside: goes with --cameras")
-    return run.BESIDE_SHARE if share is None else share
-
-
 def _opened(path: str, reading: Reading) -> Scene:
     """Read a scene; raise InputError for a packed model."""
     with progress_bar(f"reading {path}"):
@@ -167,19 +157,12 @@ def _opened(path: str, reading: Reading) -> Scene:
 
 
 def _own_pictures(
-    scene: Scene, path, views: int, size: tuple[int, int], seed: int, beside: float, near: float
+    scene: Scene, path, size: tuple[int, int], seed: int, pictures: Pictures, reading: Reading
 ) -> tuple:
     """Render the pictures to learn from, including those of the path's cameras."""
+    views, beside, near = pictures.views, pictures.beside, reading.near_plane
     learn = run.teacher(scene, views, size, seed, path, beside, near)
     return learn + run.pictures_at(scene, path, size) if path else learn
-
-
-def parse_schedule(text: str) -> tuple[float, ...]:
-    """Parse rates like "0.4,0.2"; raise InputError, naming the option, for anything else."""
-    try:
-        return tuple(float(word) for word in text.split(",") if word.strip())
-    except ValueError:
-        raise InputError(f"--schedule '{text}': must be shares like 0.4,0.4") from None
 
 
 def _split(path: str, scale: float, hold_out: int, reading: Reading) -> tuple[tuple, tuple]:

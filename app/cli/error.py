@@ -1,19 +1,20 @@
-"""The command `error`: errors of the machine's numbers, and their tables."""
+"""The command `error`: errors of the machine's numbers, stage by stage."""
 
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from splatcore.app.cli.error_tables import decibels, print_tables
 from splatcore.app.cli.options import (
     MACHINE,
     OUTPUT,
-    SCENE,
-    AntialiasedOption,
-    AxesOption,
     JsonOption,
-    NearOption,
     QualityOption,
+    Viewing,
     app,
     argument,
     option,
@@ -21,10 +22,12 @@ from splatcore.app.cli.options import (
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.option import SCENE
+from splatcore.sim.common.option import option as declared
 from splatcore.sim.common.output import console, messages, write_json
 from splatcore.sim.common.table import print_whole
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import View, check_source
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import check_source
 from splatcore.spec.config import DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -54,27 +57,23 @@ MachineOption = option(
     "--preset",
     panel=MACHINE,
 )
-ViewOption = option(
-    str | None,
-    "FILE[:ID]",
-    "Camera of the SCENE. Default: the first in the file next to it, else a generated view.",
-    "--camera",
-    panel=SCENE,
-)
-SizeOption = option(
-    str | None,
-    "WxH",
-    "Pixels; hard cases keep their own size unless named as SCENE.",
-    "--size",
-    panel=SCENE,
-)
 OutputOption = option(Path | None, "PLOT.png", "Plot the errors.", "-o", panel=OUTPUT)
 
-SWEEPS = ("sort", "raster")
-"""Stages whose number formats are swept."""
 
-EVERYTHING = "all"
-"""Value of --stage for the budget of all errors."""
+@dataclass(frozen=True)
+class SceneView(Viewing):
+    """The options of a scene and its view; without SCENE they go for all."""
+
+    camera: str | None = declared(
+        None,
+        "FILE[:ID]",
+        "Camera of the SCENE. Default: the first in the file next to it, else a generated view.",
+        panel=SCENE,
+    )
+    size: str | None = declared(
+        None, "WxH", "Pixels; hard cases keep their own size unless named as SCENE.", panel=SCENE
+    )
+
 
 BUDGET = (
     "Pictures are rounded to 8 bits only for the part of that name. Parts of packing are compared\n"
@@ -82,18 +81,116 @@ BUDGET = (
 )
 
 
+class Errors(NamedTuple):
+    """The measured errors of a stage.
+
+    show: prints its tables
+    plot: writes its plot into a file
+    facts: for `--json`
+    """
+
+    show: Callable[[], object]
+    plot: Callable[[Path], object]
+    facts: dict
+
+
+Views = dict[str, View]
+
+
+def of_points(views: Views, machines: list[Config], quality: str | None, named: bool) -> Errors:
+    """Measure the errors of stages 0 and 1; a scene that is named must be visible."""
+    from splatcore.study.accuracy.plot import write_error_plot
+    from splatcore.study.accuracy.points import MACHINES, width_of
+    from splatcore.study.accuracy.run import measured
+
+    begin, results = time.perf_counter(), {}
+    machines = tuple({config.name: config for config in machines or MACHINES}.values())
+    for name, facts in measured(views, machines):
+        if named and not facts["visible"]:
+            raise InputError(f"{name}: no Gaussian is visible from this camera")
+        results[name] = facts
+        pictures = [f"{machine} {decibels(found)}" for machine, found in facts["machines"].items()]
+        line = f"{name}: {', '.join(pictures)} dB; {facts['seconds']:.0f} s"
+        messages.print(line, markup=False, soft_wrap=True)
+    results = {name: results[name] for name in views}
+    largest = largest_errors(results)
+    facts = {
+        c.name: {"arithmetic": width_of(c), "position": c.position}
+        | {"screen_exponent": c.screen_exponent}
+        for c in machines
+    }
+    return Errors(
+        lambda: print_tables(results, largest, machines),
+        lambda path: write_error_plot(path, results, largest, machines),
+        {"machines": facts, "scenes": results, "largest": largest}
+        | {"seconds": round(time.perf_counter() - begin, 1)},
+    )
+
+
+def of_formats(stage: str) -> Callable[..., Errors]:
+    """Return the measurement of stage 2 or 3, whose number formats are swept."""
+
+    def measure(views: Views, *_) -> Errors:
+        module = import_module(f"splatcore.study.accuracy.{stage}")
+        found = getattr(module, f"{stage}_errors")(views)
+        table, plot = getattr(module, f"{stage}_table"), getattr(module, f"write_{stage}_plot")
+        show = partial(print_whole, table(found))
+        return Errors(show, lambda path: plot(path, found), {"machines": found})
+
+    return measure
+
+
+def of_all(views: Views, machines: list[Config], quality: str | None, *_) -> Errors:
+    """Measure the errors of all parts of packing and machine."""
+    from splatcore.study.accuracy import budget
+
+    [config] = machines or [DEFAULT]
+    views = {name: replace(view, quality=quality) for name, view in views.items()}
+    rows = budget.budgets(config, views)
+    sizes = {"x".join(map(str, found["size"])) for found in rows}
+    size = sizes.pop() if len(sizes) == 1 else None
+
+    def show():
+        for found in rows:
+            budget.budget_table(found).print()
+            console.print(f"{budget.budget_line(found)}\n", soft_wrap=True)
+        console.print(BUDGET, soft_wrap=True)
+
+    facts = {"preset": config.name, "size": size, "rows": rows}
+    return Errors(show, lambda path: budget.write_budget_plot(path, rows), facts)
+
+
+class Stage(NamedTuple):
+    """A value of --stage.
+
+    measure: called with the views, the given machines, the quality, and whether scenes were named
+    machines: how many may be given
+    hard: whether it measures the hard cases, too, if no scene is named
+    """
+
+    measure: Callable[[Views, list[Config], str | None, bool], Errors]
+    machines: int | None = None
+    hard: bool = False
+
+
+EVERYTHING = "all"
+
+STAGES = {
+    "project": Stage(of_points, hard=True),
+    "sort": Stage(of_formats("sort"), 0),
+    "raster": Stage(of_formats("raster"), 0),
+    EVERYTHING: Stage(of_all, 1),
+}
+
+
 @app.command("error")
 def error_command(
+    view: SceneView,
     scene: ScenesArgument = None,
     stage: StageOption = "project",
     scenes: ScenesOption = None,
     width: WidthOption = None,
     machine: MachineOption = None,
-    camera: ViewOption = None,
-    size: SizeOption = None,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
-    near: NearOption = None,
     quality: QualityOption = None,
     output: OutputOption = None,
     json: JsonOption = None,
@@ -116,112 +213,38 @@ def error_command(
     (packed positions, shape, opacity, colours; arithmetic; depth keys; stage 3; 8 bits), each
     alone, their sum, and all together. For one machine.
     """
-    seen = camera, size, Reading(antialiased, axes, near)
+    seen = view.camera, view.size, view.reading
     for text in scene or ():
-        check_source(text, seen[-1])
-    from splatcore.study.accuracy.points import MACHINES, with_width
+        check_source(text, view.reading)
+    from splatcore.study.accuracy.points import with_width
     from splatcore.study.accuracy.run import everything, named
 
-    chosen = [*map(find_preset, machine or ()), *map(with_width, width or ())]
-    check_stage(stage, quality, len(chosen))
+    machines = [*map(find_preset, machine or ()), *map(with_width, width or ())]
+    check_stage(stage, quality, len(machines))
     if scene and scenes:
         raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
     views = named(scene, *seen) if scene else everything(scenes, *seen)
-    own = {name: view for name, view in views.items() if scene or name not in HARD}
-    if stage == EVERYTHING:
-        own = {name: replace(view, quality=quality) for name, view in own.items()}
-        return error_budget(own, (chosen or [DEFAULT])[0], output, json)
-    if stage in SWEEPS:
-        return error_of_formats(stage, own, output, json)
-    machines = tuple({config.name: config for config in chosen or MACHINES}.values())
-    error_of_points(views, machines, bool(scene), output, json)
+    if not (scene or STAGES[stage].hard):
+        views = {name: each for name, each in views.items() if name not in HARD}
+    found = STAGES[stage].measure(views, machines, quality, bool(scene))
+    found.show()
+    if output:
+        found.plot(output)
+    write_json(json, {"stage": stage} | found.facts)
 
 
 def check_stage(stage: str, quality: str | None, machines: int):
     """Raise InputError for an unknown stage, or options that do not go with it."""
-    check_known("--stage", ("project", *SWEEPS, EVERYTHING), stage)
+    check_known("--stage", STAGES, stage)
     if quality is not None:
         check_known("--quality", QUALITIES, quality)
         if stage != EVERYTHING:
             raise InputError(f"--quality: goes with --stage {EVERYTHING}")
-    if stage in SWEEPS and machines:
+    most = STAGES[stage].machines
+    if machines and most == 0:
         raise InputError(f"--stage {stage}: has formats of its own; omit --width and --preset")
-    if stage == EVERYTHING and machines > 1:
-        raise InputError(f"--stage {EVERYTHING}: takes one machine: one --preset or --width")
-
-
-def error_of_formats(stage: str, views: dict[str, View], output: Path | None, json: Path | None):
-    """Measure the error by format of stage 2's keys, or of stage 3."""
-    from splatcore.study.accuracy import raster, sort
-
-    measure, table, plot = {
-        "sort": (sort.sort_errors, sort.sort_table, sort.write_sort_plot),
-        "raster": (raster.raster_errors, raster.raster_table, raster.write_raster_plot),
-    }[stage]
-    found = measure(views)
-    print_whole(table(found))
-    if output:
-        plot(output, found)
-    write_json(json, {"stage": stage, "machines": found})
-
-
-def error_budget(views: dict[str, View], config: Config, output: Path | None, json: Path | None):
-    """Measure the errors of all parts of packing and machine."""
-    from splatcore.study.accuracy.budget import (
-        budget_line,
-        budget_table,
-        budgets,
-        write_budget_plot,
-    )
-
-    rows = budgets(config, views)
-    for found in rows:
-        budget_table(found).print()
-        console.print(f"{budget_line(found)}\n", soft_wrap=True)
-    console.print(BUDGET, soft_wrap=True)
-    if output:
-        write_budget_plot(output, rows)
-    sizes = {"x".join(map(str, found["size"])) for found in rows}
-    size = sizes.pop() if len(sizes) == 1 else None
-    facts = {"stage": EVERYTHING, "preset": config.name, "size": size, "rows": rows}
-    write_json(json, facts)
-
-
-def error_of_points(
-    views: dict[str, View],
-    machines: tuple[Config, ...],
-    visible: bool,
-    output: Path | None,
-    json: Path | None,
-):
-    """Measure the errors of stages 0 and 1.
-
-    visible: raise InputError for a scene of which no Gaussian is visible
-    """
-    from splatcore.study.accuracy.plot import write_error_plot
-    from splatcore.study.accuracy.points import width_of
-    from splatcore.study.accuracy.run import measured
-
-    begin, results = time.perf_counter(), {}
-    for name, facts in measured(views, machines):
-        if visible and not facts["visible"]:
-            raise InputError(f"{name}: no Gaussian is visible from this camera")
-        results[name] = facts
-        pictures = [f"{machine} {decibels(found)}" for machine, found in facts["machines"].items()]
-        line = f"{name}: {', '.join(pictures)} dB; {facts['seconds']:.0f} s"
-        messages.print(line, markup=False, soft_wrap=True)
-    results = {name: results[name] for name in views}
-    largest = largest_errors(results)
-    print_tables(results, largest, machines)
-    if output:
-        write_error_plot(output, results, largest, machines)
-    facts = {
-        c.name: {"arithmetic": width_of(c), "position": c.position}
-        | {"screen_exponent": c.screen_exponent}
-        for c in machines
-    }
-    found = {"stage": "project", "machines": facts, "scenes": results, "largest": largest}
-    write_json(json, found | {"seconds": round(time.perf_counter() - begin, 1)})
+    if most is not None and machines > most:
+        raise InputError(f"--stage {stage}: takes one machine: one --preset or --width")
 
 
 def largest_errors(results: dict[str, dict]) -> dict[str, dict]:

@@ -15,8 +15,8 @@ from splatcore.sim.common.output import console, messages, progress_bar, write_j
 from splatcore.sim.common.preset_file import write_preset
 from splatcore.sim.common.table import new_table, print_whole
 from splatcore.sim.frame.metric import LEVELS
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import Source, camera_beside, open_cameras, open_source
+from splatcore.sim.frame.shot import Shot
+from splatcore.sim.frame.source import Source, open_cameras, open_source
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
 
@@ -47,15 +47,10 @@ ConfirmOption = option(
 @options.app.command("fit")
 def fit_command(
     scene: options.SourceArgument,
+    view: options.NextCameras,
     output: OutputOption,
     fps: FpsOption,
     psnr: PsnrOption = None,
-    camera: options.NextCameraOption = None,
-    cameras: options.CamerasOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
     gates: GatesOption = False,
     confirm: ConfirmOption = False,
     json: options.JsonOption = None,
@@ -72,9 +67,7 @@ def fit_command(
     begin = time.perf_counter()
     _check_figures(fps, psnr)
     name = _name(output)
-    source, start, views = _open(
-        name, scene, Reading(antialiased, axes, near), camera, cameras, size
-    )
+    source, start, views = _open(name, scene, view)
     from splatcore.study.fit.search import Impossible, fit, knobs
 
     try:
@@ -102,19 +95,15 @@ def fit_command(
         raise typer.Exit(1)
 
 
-def _open(
-    name: str, scene: str, reading: Reading, camera: str | None, cameras: str | None,
-    size: str | None,
-) -> "tuple[Source, Config, list[View]]":  # fmt: skip
+def _open(name: str, scene: str, view: options.NextCameras) -> "tuple[Source, Config, list[View]]":
     """Return the scene, the machine to start from and the views to fit it to."""
     with progress_bar(f"reading {scene}") as advance:
-        source = open_source(scene, reading)
-        own = None if camera or cameras else camera_beside(scene)
-        found = open_cameras(camera or own, cameras, size, source)
-        from splatcore.sim.frame.choose import packed_model
+        source = open_source(scene, view.reading)
+        own = None if view.cameras else view.camera_of(scene)
+        found = open_cameras(own or view.camera, view.cameras, view.size, source)
         from splatcore.study.fit.views import start_config, views_of
 
-        model = packed_model(source, DEFAULT, found[0])
+        model = Shot(source, found[0]).model
         views = views_of(source.name, model, found, advance)
         return source, start_config(name, model, found), views
 

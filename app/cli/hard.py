@@ -6,19 +6,21 @@ import typer
 
 from splatcore.app.cli import options
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.render_rtl import TimingOption
+from splatcore.app.cli.simulate import TimingOption
 from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.frame.shot import ENGINES
 from splatcore.sim.frame.size import parse_size
-from splatcore.sim.frame.source import ENGINES, check_fits
+from splatcore.sim.frame.source import check_fits
 from splatcore.sim.machine.script import LPDDR4, find_timing
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
 NameArgument = options.argument(str | None, "NAME", "Case to run. Default: all.")
+SizeOption = options.annotated(options.Viewing, "size")
 OutputOption = options.option(
     Path | None, "DIR", "Folder for the pictures and a contact sheet.", "-o", panel=options.OUTPUT
 )
@@ -39,7 +41,7 @@ def hard_command(
     name: NameArgument = None,
     engine: options.EngineOption = "golden",
     preset: options.PresetOption = "DEFAULT",
-    size: options.SizeOption = None,
+    size: SizeOption = None,
     timing: TimingOption = LPDDR4.name,
     output: OutputOption = None,
     json: options.JsonOption = None,

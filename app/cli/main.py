@@ -66,6 +66,9 @@ def refuse(text: str):
 
 def usage(error: UsageError) -> str:
     """Return a one-line message for a usage error; empty if help was printed."""
+    option, command = getattr(error, "option_name", ""), getattr(error.ctx, "info_name", "")
+    if found := GONE.get(f"{command} {option}"):
+        return f"{option}: this option was removed from {command}; {found}"
     text = " ".join(error.format_message().removeprefix("Invalid value for ").split()).rstrip(".")
     return text and f"{text}; see {error.ctx.command_path} --help" if error.ctx else text
 

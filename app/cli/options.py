@@ -3,9 +3,11 @@
 import inspect
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -15,22 +17,23 @@ from splatcore.model.formats.camera_file import split_id
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.pack.quality import LEAST_DB, QUALITIES, UNLEARNED
 from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.option import SCENE
+from splatcore.sim.common.option import option as declared
 from splatcore.sim.common.output import (
     check_distinct,
     check_folder,
     check_writable,
     new_folders,
 )
-from splatcore.sim.frame.source import ENGINES, camera_beside, scene_folder
-from splatcore.spec.camera import NEAR_LIMITS
+from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.shot import ENGINES, Shot
+from splatcore.sim.frame.source import camera_beside, scene_folder
 from splatcore.spec.config import PRESETS
-from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
 FOLDER = "DIR"
 """Placeholder for a folder in --help."""
 
-SCENE = "Scene and camera"
 MACHINE = "Machine and packing"
 OUTPUT = "Output"
 RTL = "RTL simulation"
@@ -74,6 +77,17 @@ def check_type(option: str, path: Path, suffix: str):
         raise InputError(f"{option} {path}: must end in {suffix}")
 
 
+def parse_colour(text: str) -> tuple[float, float, float]:
+    """Parse three numbers 0 … 1 separated by commas."""
+    try:
+        red, green, blue = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--background '{text}': must be three numbers R,G,B") from None
+    if not all(0 <= value <= 1 for value in (red, green, blue)):
+        raise InputError(f"--background '{text}': is not in 0 … 1")
+    return red, green, blue
+
+
 def check_quality(quality: str | None, *sources: str):
     """Raise InputError for an unknown --quality, and for one that is given for a packed model.
 
@@ -112,7 +126,8 @@ class App(typer.Typer):
         if entry := COMMANDS.get(full):
             options |= {"short_help": entry.summary, "rich_help_panel": entry.purpose}
             options["epilog"] = f"Example:  {example(full)}"
-        return super().command(name, cls=cls, **options)
+        register = super().command(name, cls=cls, **options)
+        return lambda function: register(spread(function)) and function
 
     def add_group(self, part: "App"):
         """Add a group of commands."""
@@ -136,6 +151,46 @@ app = App(
 
 
 app.callback()(lambda: None)  # without it a single command would have no name on the command line
+
+
+def annotated(group: type, name: str) -> object:
+    """Return the type of a field of a group of options, with its declaration."""
+    about = group.__dataclass_fields__[name].metadata
+    return option(
+        get_type_hints(group)[name], about["metavar"], about["help"],
+        *(about["names"] or [f"--{name.replace('_', '-')}"]), panel=about["panel"],
+        **about["limits"],
+    )  # fmt: skip
+
+
+def spread(function: Callable) -> Callable:
+    """Return the function with one parameter for each field of parameters that are dataclasses.
+
+    The fields are declared by `sim.common.option`; those of a derived class come first.
+    """
+    parameters, groups = [], {}
+    for each in inspect.signature(function, eval_str=True).parameters.values():
+        if not is_dataclass(each.annotation):
+            parameters.append(each.replace(kind=each.KEYWORD_ONLY))
+            continue
+        groups[each.name] = group = each.annotation
+        names = [name for kind in group.__mro__ for name in vars(kind).get("__annotations__", ())]
+        for name in dict.fromkeys(names):
+            default = group.__dataclass_fields__[name].default
+            kind = annotated(group, name)
+            parameters.append(
+                inspect.Parameter(name, each.KEYWORD_ONLY, default=default, annotation=kind)
+            )
+
+    @wraps(function)
+    def call(**values):
+        for name, group in groups.items():
+            values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
+        return function(**values)
+
+    call.__signature__ = inspect.Signature(parameters)
+    call.__annotations__ = {each.name: each.annotation for each in parameters}
+    return call
 
 
 def argument(kind: type, metavar: str, help: str):
@@ -168,59 +223,63 @@ CAMERA = (
     "Camera from a cameras.json, transforms.json or COLMAP model, or a folder with one; without ID "
     "the first. Default: the first camera"
 )
-"""Help of --camera; the caller adds where the default is from."""
+"""Help of --camera, without where the default is from."""
 
-CameraOption = option(
-    str | None,
-    "FILE[:ID]",
-    f"{CAMERA} of a training folder, else a generated view.",
-    "--camera",
-    panel=SCENE,
-)
-NextCameraOption = option(
-    str | None,
-    "FILE[:ID]",
-    f"{CAMERA} of the camera file next to the scene, else a generated view.",
-    "--camera",
-    panel=SCENE,
-)
-CamerasOption = option(
-    str | None,
-    "FILE[:ID,ID,…]",
-    "All cameras of a file, or these; ID,ID,… without FILE: of the camera file next to the scene.",
-    panel=SCENE,
-)
-SizeOption = option(
-    str | None,
-    "WxH",
-    "Pixels of the picture; the camera's intrinsics are scaled to it.",
-    "--size",
-    panel=SCENE,
-)
-AntialiasedOption = option(
-    bool | None,
-    None,
-    "Render with opacity compensation, for scenes trained with it. Default: as the file says.",
-    "--antialiased/--no-antialiased",
-    panel=SCENE,
-)
-NearOption = option(
-    float | None,
-    "Z",
-    f"Near plane: leave out Gaussians up to this depth. Default: {NEAR_PLANE:g}, as in 3DGS.",
-    "--near",
-    min=NEAR_LIMITS[0],
-    max=NEAR_LIMITS[1],
-    panel=SCENE,
-)
-AxesOption = option(
-    str | None,
-    "RUB|RDF|…",
-    "Directions of x, y and z in an SPZ file that does not state them; RDF (right, down, front) as "
-    "in a PLY. Default: RUB, the format's own.",
-    "--axes",
-    panel=SCENE,
-)
+
+@dataclass(frozen=True)
+class Viewing(Reading):
+    """The options of a scene and one view of it."""
+
+    camera: str | None = declared(
+        None, "FILE[:ID]", f"{CAMERA} of a training folder, else a generated view.", panel=SCENE
+    )
+    size: str | None = declared(
+        None, "WxH", "Pixels of the picture; the camera's intrinsics are scaled to it.", panel=SCENE
+    )
+
+    @property
+    def reading(self) -> Reading:
+        """The options on the scene alone."""
+        return Reading(self.antialiased, self.axes, self.near)
+
+    def open(self, scene: str, **more) -> Shot:
+        """Open the scene and its view. more: other fields of the frame"""
+        return Shot.open(scene, self.camera_of(scene), self.size, self.reading, **more)
+
+    def camera_of(self, scene: str) -> str | None:
+        """The camera's file and ID; None: the scene's own, else a generated view."""
+        return self.camera
+
+
+@dataclass(frozen=True)
+class Cameras(Viewing):
+    """The options of a scene and one or many views of it."""
+
+    cameras: str | None = declared(
+        None,
+        "FILE[:ID,ID,…]",
+        "All cameras of a file, or these; ID,ID,… without FILE: of the camera file next to the "
+        "scene.",
+        panel=SCENE,
+    )
+
+
+@dataclass(frozen=True)
+class NextCameras(Cameras):
+    """The same, with the camera file next to the scene as default."""
+
+    camera: str | None = declared(
+        None,
+        "FILE[:ID]",
+        f"{CAMERA} of the camera file next to the scene, else a generated view.",
+        panel=SCENE,
+    )
+
+    def camera_of(self, scene: str) -> str | None:
+        return self.camera or camera_beside(scene)
+
+
+AntialiasedOption, NearOption = annotated(Reading, "antialiased"), annotated(Reading, "near")
 PresetOption = option(
     str,
     "NAME|FILE",
@@ -238,6 +297,9 @@ QualityOption = option(
     f"Packing of a scene: {', '.join(QUALITIES)}. {SMALLEST} in the view.",
     "--quality",
     panel=MACHINE,
+)
+BackgroundOption = option(
+    str, "R,G,B", "Background colour, each 0 … 1.", "--background", panel=PICTURE
 )
 EngineOption = option(str, "NAME", f"{', '.join(ENGINES)}.", "--engine", panel=MACHINE)
 FolderOption = option(Path, "DIR", "Folder to write into.", "-o", panel=OUTPUT)

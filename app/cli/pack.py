@@ -16,7 +16,7 @@ from splatcore.sim.common.output import (
     write_json,
 )
 from splatcore.sim.common.table import new_table
-from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import open_cameras, open_source
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.spec.error import InputError
@@ -47,16 +47,11 @@ ShDegreeOption = options.option(
 def pack_command(
     scene: options.SceneArgument,
     output: options.ModelOption,
+    view: options.Cameras,
     quality: QualityOption = None,
     psnr: PsnrOption = None,
     sh_degree: ShDegreeOption = None,
     preset: options.PresetOption = "DEFAULT",
-    camera: options.CameraOption = None,
-    cameras: options.CamerasOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
@@ -71,9 +66,9 @@ def pack_command(
     config = find_preset(preset)
     check_wanted(quality, psnr)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, Reading(antialiased, axes, near))
+        source = open_source(scene, view.reading)
         original = source.unpacked
-        views = open_cameras(camera, cameras, size, source)
+        views = open_cameras(view.camera, view.cameras, view.size, source)
     from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
     from splatcore.sim.frame.choose import Views, choose, smallest
 
@@ -82,8 +77,8 @@ def pack_command(
     with progress_bar("rendering the scene") as advance:
         progress = partial(advance, 0, None)
         seen = Views.of(original, views)
-        for view, picture in zip(views, seen.pictures, strict=True):
-            note_empty(source, view, {"visible": picture.any()})
+        for camera, picture in zip(views, seen.pictures, strict=True):
+            note_empty(Shot(source, camera), {"visible": picture.any()})
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, progress)
         else:

@@ -2,24 +2,18 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 from splatcore.app.cli.describe import antialiased_line
+from splatcore.app.cli.options import Cameras
 from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.table import new_table, print_whole, shown
 from splatcore.sim.frame.metric import decibels
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import (
-    Source,
-    check_fits,
-    check_one,
-    check_source,
-    open_path,
-    open_source,
-)
+from splatcore.sim.frame.shot import Shot
+from splatcore.sim.frame.source import check_fits, check_one, check_source, open_path, open_source
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.spec.camera import Camera
-from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.renderable import check_renderable
 
@@ -33,34 +27,34 @@ LABELS = {"least": "min", "mean": "mean", "most": "max"}
 """Names of the summaries in the table."""
 
 
-def check(camera: str | None, cameras: str | None, scheduler: str | None):
+def check(view: Cameras, scheduler: str | None):
     """Raise InputError for options that do not go together."""
-    check_one(camera, cameras)
-    if scheduler and not cameras:
+    check_one(view.camera, view.cameras)
+    if scheduler and not view.cameras:
         raise InputError("--scheduler: goes with --cameras")
 
 
-def open_all(
-    cameras: str, size: str | None, scene: str, reading: Reading, config: Config | None
-) -> tuple[Source, list[Camera]]:
-    """Open a scene and its views, whose file names must differ.
+def open_all(scene: str, view: Cameras, machine: bool, **more) -> list[Shot]:
+    """Open a scene and the frames of its cameras, whose file names must differ.
 
-    config: machine that must be able to render them; None: no machine
+    machine: the machine renders them: it must be able to, and one packing is chosen for all
+    more: other fields of the frames
     """
-    check_source(scene, reading)
-    views = reading.seen(open_path(cameras, size, scene))
-    names = [file_name(view) for view in views]
-    for view, name in zip(views, names, strict=True):
+    check_source(scene, view.reading)
+    cameras = view.reading.seen(open_path(view.cameras, view.size, scene))
+    names = [file_name(camera) for camera in cameras]
+    for camera, name in zip(cameras, names, strict=True):
         if names.count(name) > 1:
-            raise InputError(f"--cameras {cameras}: two cameras have the name {view.name}")
-        if config:
-            check_fits(config, view.width, view.height)
+            raise InputError(f"--cameras {view.cameras}: two cameras have the name {camera.name}")
+        if machine:
+            check_fits(more["config"], camera.width, camera.height)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, reading)
-    if config and source.model is not None:
-        check_renderable(config, source.model)
-    source.seen_by(*views)
-    return source, views
+        source = open_source(scene, view.reading)
+    if machine and source.model is not None:
+        check_renderable(more["config"], source.model)
+    source.seen_by(*cameras)
+    shots = [Shot(source, camera, **more) for camera in cameras]
+    return packed_alike(shots) if machine else shots
 
 
 def file_name(view: Camera) -> str:
@@ -68,22 +62,25 @@ def file_name(view: Camera) -> str:
     return re.sub(r"[^\w.+-]+", "-", view.name)
 
 
-def quality_of(source: Source, config: Config, views: list[Camera]) -> str | None:
-    """Choose one packing of a scene for all views, from `FEW` of them."""
+def packed_alike(shots: list[Shot]) -> list[Shot]:
+    """Return frames with one packing of their scene, which `FEW` of them choose if it is open."""
     from splatcore.sim.frame.choose import quality_of
 
-    with progress_bar(f"packing {source.name}"):
-        return quality_of(source, config, views[:: -(-len(views) // FEW)])
+    first, some = shots[0], shots[:: -(-len(shots) // FEW)]
+    if first.source.scene is None or first.quality:
+        return shots
+    with progress_bar(f"packing {first.source.name}"):
+        quality = quality_of(first.source.scene, first.config, [shot.camera for shot in some])
+    return [replace(shot, quality=quality) for shot in shots]
 
 
 def along(
     function: Callable[..., dict],
-    source: Source,
-    views: list[Camera],
-    arguments: tuple,
-    scheduler: str | None,
+    shots: list[Shot],
+    arguments: tuple = (),
+    scheduler: str | None = None,
 ) -> Iterator[dict]:
-    """Yield `function(source, view, *arguments)` for each view, in order.
+    """Yield `function(shot, *arguments)` for each frame of one scene, in order.
 
     The calls run in several processes, each of which opens the scene once. The function returns a
     row with the key `counts`; a note is printed for a view that shows nothing.
@@ -91,32 +88,24 @@ def along(
     """
     from splatcore.study.bench.campaign import Failure, Task, in_processes, on_cluster
 
-    scene = source.name, source.reading
-    tasks = [Task(v.name, "", of_scene, (function, scene, v, arguments)) for v in views]
+    tasks = [Task(s.camera.name, "", of_shot, (function, s, arguments)) for s in shots]
     run = on_cluster(tasks, scheduler) if scheduler else in_processes(tasks)
-    waiting, turn = {}, 0
+    waiting, turn, scene = {}, 0, shots[0].source.name
     with progress_bar("views", len(tasks)) as advance:
         for done, (task, found) in enumerate(run, 1):
             if isinstance(found, Failure):
-                raise InputError(f"{source.name}: camera {found.what}: {found.why}")
-            advance(done, len(tasks), f"{source.name}: camera {task.name}")
+                raise InputError(f"{scene}: camera {found.what}: {found.why}")
+            advance(done, len(tasks), f"{scene}: camera {task.name}")
             waiting[task.name] = found
-            while turn < len(views) and (found := waiting.pop(views[turn].name, None)):
-                note_empty(source, views[turn], found["counts"])
+            while turn < len(shots) and (found := waiting.pop(shots[turn].camera.name, None)):
+                note_empty(shots[turn], found["counts"])
                 yield found
                 turn += 1
 
 
-def of_scene(
-    function: Callable[..., dict], scene: tuple[str, Reading], view: Camera, arguments: tuple
-) -> dict:
-    """Worker: call a function with a view of a scene, which is opened if the last one was another.
-
-    scene: the arguments of `open_source`
-    """
-    from splatcore.study.bench.sweep import opened
-
-    return {"camera": view.name} | function(opened(*scene), view, *arguments)
+def of_shot(function: Callable[..., dict], shot: Shot, arguments: tuple) -> dict:
+    """Worker: call a function with a frame."""
+    return {"camera": shot.camera.name} | function(shot, *arguments)
 
 
 def folded(rows: Sequence[dict], fold: Callable[[list], float]) -> dict:
@@ -154,13 +143,14 @@ ERRORS = {f"dB, {name}": partial(decibels, name=name) for name in ("machine", "s
 
 
 def print_table(
-    source: Source, rows: list[dict], columns: dict[str, Callable[[dict], str]], title: str
+    shot: Shot, rows: list[dict], columns: dict[str, Callable[[dict], str]], title: str
 ) -> dict:
     """Print a table of rows and their summaries; return the content of `--json`.
 
+    shot: one of the scene's frames
     columns: heading → function from a row to the text of a cell
     """
-    facts = {name: folded(rows, fold) for name, fold in FOLDS.items()}
+    source, facts = shot.source, {name: folded(rows, fold) for name, fold in FOLDS.items()}
     lines = [(row["camera"], row) for row in rows]
     lines += [(LABELS[name], row) for name, row in facts.items()]
     cells = {name: [show(row) for _, row in lines] for name, show in columns.items()}

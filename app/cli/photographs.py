@@ -8,6 +8,7 @@ from splatcore.app.cli.options import option
 from splatcore.model.formats.colmap_write import write_colmap
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.size import parse_size, path_cameras
 from splatcore.sim.frame.source import Source, check_source, open_source
 from splatcore.spec.camera import Camera
@@ -39,15 +40,13 @@ SeedOption = option(int, "N", "Random seed of views and points.", min=0)
 def photographs_command(
     scene: options.SceneArgument,
     output: options.FolderOption,
+    reading: Reading,
     views: ViewsOption = 100,
     size: SizeOption = "1920x1080",
     cameras: CamerasOption = None,
     path_share: ShareOption = None,
     points: PointsOption = 10_000,
     seed: SeedOption = 0,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
     scheduler: SchedulerOption = None,
     json: options.JsonOption = None,
 ):
@@ -62,7 +61,6 @@ def photographs_command(
     begin, pixels = time.perf_counter(), parse_size(size)
     given = _given(cameras, path_share, size)
     capture.check_empty(output)
-    reading = Reading(antialiased, axes, near)
     check_source(scene, reading)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, reading)
@@ -72,7 +70,8 @@ def photographs_command(
 
     with capture.whole_capture(output) as part:
         taken = capture.stored_cameras(part, planned)
-        rows = along(capture.photograph, source, taken, (), scheduler)
+        shots = [Shot(source, camera) for camera in taken]
+        rows = along(capture.photograph, shots, scheduler=scheduler)
         shows = capture.written(part, taken, rows)
         found, shown = capture.points_of(original, shows, points, seed)
         write_colmap(part / capture.SPARSE, capture.named(planned), found, shown)

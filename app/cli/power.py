@@ -8,8 +8,6 @@ from splatcore.eda.cells.liberty import Library
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.sim.common.output import console, progress_bar, write_json
 from splatcore.sim.common.table import print_whole
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import check_fits, open_cameras, open_source
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import PROCESS_NM, Energy
 from splatcore.spec.error import InputError
@@ -42,11 +40,7 @@ ProcessOption = option(
 @options.app.command("power")
 def power_command(
     scene: options.SourceArgument,
-    camera: options.CameraOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
+    view: options.Viewing,
     preset: options.PresetOption = "DEFAULT",
     fps: FpsOption = None,
     sample: SampleOption = None,
@@ -69,32 +63,28 @@ def power_command(
     """
     config = find_preset(preset)
     library = _checked(fps, sample, liberty, process)
-    with progress_bar(f"packing {scene}"):
-        source = open_source(scene, Reading(antialiased, axes, near))
-        (view,) = open_cameras(camera, None, size, source)
-        check_fits(config, view.width, view.height)
-        from splatcore.eda.power.activity import counts_of
-        from splatcore.eda.power.cells import machine_gates
-        from splatcore.eda.power.estimate import estimate
-        from splatcore.eda.power.tables import lines, report, table
-        from splatcore.sim.frame.choose import packed_model
-        from splatcore.sim.machine.machine import Job
+    shot = view.open(scene, config=config)
+    shot.check_fits()
+    from splatcore.eda.power.activity import counts_of
+    from splatcore.eda.power.cells import machine_gates
+    from splatcore.eda.power.estimate import estimate
+    from splatcore.eda.power.tables import lines, report, table
 
-        model = packed_model(source, config, view)
-    counts = counts_of(config, Job(model, view), sample, f"simulating {source.name}")
+    source = shot.source
+    counts = counts_of(config, shot.job, sample, f"simulating {source.name}")
     if fps is not None and fps > (fps_max := CLOCK_HZ / counts.cycles):
         raise InputError(f"--fps {fps:g}: is above {fps_max:.1f}, the maximum at 800 MHz")
     with progress_bar("synthesising the machine") as advance:
         gates = machine_gates(config, library, process, advance)
     found = estimate(counts, gates, config.energy)
     fps = found.fps_max if fps is None else fps
-    frame = f"{Path(source.name).name} {view.width}x{view.height}, preset {config.name}"
+    frame = f"{Path(source.name).name} {'x'.join(map(str, shot.size))}, preset {config.name}"
     print_whole(table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second"))
     for text in lines(found, fps):
         console.print(text, soft_wrap=True)
     facts = {
-        "preset": config.name, "scene": source.name, "camera": camera or view.name,
-        "size": [view.width, view.height], **source.stated,
+        "preset": config.name, "scene": source.name, "camera": view.camera or shot.camera.name,
+        "size": list(shot.size), **source.stated,
     }  # fmt: skip
     if library:
         facts["liberty"] = _cells(library, process, config.energy)

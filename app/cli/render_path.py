@@ -12,6 +12,7 @@ from splatcore.app.cli.video import check_encoder, video
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import check_distinct, check_writable, make_folder
 from splatcore.sim.frame.picture import write_png
+from splatcore.sim.frame.shot import Shot
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
 
@@ -64,20 +65,19 @@ class Film:
             check_encoder()
 
 
-def check_files(film: Film, folder: Path | None, views: list[Camera], scene: str, cameras: str):
+def check_files(film: Film, folder: Path | None, shots: list[Shot], scene: str, cameras: str):
     """Raise InputError for pictures that cannot be written or would overwrite an input, and for a
     video with frames of several sizes."""
     if folder and folder.suffix.lower() == ".png":
         raise InputError(f"-o {folder}: names a picture; with --cameras it is a folder")
     inputs = list(inputs_of({"scene": scene, "cameras": cameras}))
-    for view in views if folder else ():
-        check_distinct([("-o", picture_path(folder, view))], inputs)
+    for shot in shots if folder else ():
+        check_distinct([("-o", picture_path(folder, shot.camera))], inputs)
         if folder.is_dir():
-            check_writable(picture_path(folder, view))
-    first = views[0].width, views[0].height
-    for view in views if film.video else ():
-        if (view.width, view.height) != first:
-            sizes = "{}x{} and {}x{}".format(*first, view.width, view.height)
+            check_writable(picture_path(folder, shot.camera))
+    for shot in shots if film.video else ():
+        if shot.size != shots[0].size:
+            sizes = "{}x{} and {}x{}".format(*shots[0].size, *shot.size)
             raise InputError(f"--video: cameras have several sizes, {sizes}; use --size")
 
 
@@ -86,17 +86,17 @@ def picture_path(folder: Path, view: Camera) -> Path:
     return folder / f"{path.file_name(view)}.png"
 
 
-def written(pictures, views: list[Camera], film: Film, folder: Path | None) -> list[dict]:
+def written(pictures, shots: list[Shot], film: Film, folder: Path | None) -> list[dict]:
     """Write the pictures of `render.picture` as they come; return the rows without them."""
     rows = []
     if folder:
         make_folder(folder)
     with ExitStack() as stack:
         add = stack.enter_context(video(film.video, film.fps)) if film.video else None
-        for view, row in zip(views, pictures, strict=True):
+        for shot, row in zip(shots, pictures, strict=True):
             pixels, beside = row.pop("pixels"), row.pop("beside")
             if folder:
-                write_png(picture_path(folder, view), pixels)
+                write_png(picture_path(folder, shot.camera), pixels)
             if add:
                 add(pixels if beside is None else np.hstack([pixels, beside]))
             rows.append(row)

@@ -8,7 +8,6 @@ from splatcore.app.cli.commands import COMMANDS
 from splatcore.app.cli.options import (
     OUTPUT,
     AntialiasedOption,
-    AxesOption,
     JsonOption,
     SourceArgument,
     app,
@@ -22,8 +21,9 @@ from splatcore.model.generate.generate import GENERATORS, generate, generated_ca
 from splatcore.sim.common import notes
 from splatcore.sim.common import output as files
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import View, check_source, open_source
+from splatcore.sim.frame.reading import Marks, Reading
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import check_source, open_source
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
@@ -63,11 +63,10 @@ def scene_command(
 def join_command(
     scene: ScenesArgument,
     output: OutputOption,
+    reading: Marks,
     behind: BehindOption = None,
     count: KeptOption = None,
     cameras: CamerasOption = None,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
 ):
     """Put scenes side by side in front of one camera, in one PLY file.
 
@@ -76,12 +75,12 @@ def join_command(
     scaled) to the middle of its column, √n times as far away as from its own camera. Surroundings
     of real scenes overlap other columns. --cameras writes the camera.
     """
-    reading = Reading(antialiased, axes)
+    reading = Reading(**vars(reading))
     for each in scene:
         check_source(each, reading)
     with progress_bar("joining"):
-        opened = (View(each, reading=reading).open() for each in scene)
-        views = [(source.unpacked, camera) for source, camera in opened]
+        shots = (View(each, reading=reading).open() for each in scene)
+        views = [(shot.source.unpacked, shot.camera) for shot in shots]
         unseen = open_source(behind).unpacked if behind else None
         joined, camera = side_by_side(views, unseen, count)
         _write(output, cameras, joined, camera)
@@ -100,8 +99,7 @@ def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
 @app.command("info")
 def info_command(
     scene: SourceArgument,
-    antialiased: AntialiasedOption = None,
-    axes: AxesOption = None,
+    reading: Marks,
     json: JsonOption = None,
 ):
     """Show the contents of a scene or packed model.
@@ -110,7 +108,7 @@ def info_command(
     """
     notes.hush()  # they are in the table
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, Reading(antialiased, axes))
+        source = open_source(scene, Reading(**vars(reading)))
         facts = describe.describe(source)
     console.print(describe.table(facts, notes=True))
     write_json(json, facts)

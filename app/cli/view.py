@@ -3,15 +3,14 @@
 from splatcore.app.cli import describe, options
 from splatcore.app.cli.options import option
 from splatcore.sim.common.output import console, progress_bar
-from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import (
     Source,
     camera_beside,
     check_fits,
+    open_camera,
     open_cameras,
     open_source,
-    own_camera,
 )
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -32,11 +31,7 @@ BrowserOption = option(bool, None, "Open the page in the browser of this compute
 @options.app.command("view")
 def view_command(
     scene: options.SourceArgument,
-    camera: options.CameraOption = None,
-    size: options.SizeOption = None,
-    antialiased: options.AntialiasedOption = None,
-    axes: options.AxesOption = None,
-    near: options.NearOption = None,
+    view: options.Viewing,
     preset: options.PresetOption = "DEFAULT",
     quality: options.QualityOption = None,
     host: HostOption = "127.0.0.1",
@@ -53,12 +48,12 @@ def view_command(
 
     config = find_preset(preset)
     options.check_quality(quality, scene)
-    if size:
-        check_fits(config, *parse_size(size))
+    if view.size:
+        check_fits(config, *parse_size(view.size))
     check_viser(host, port)
     with progress_bar(f"reading {scene}"):
-        source = open_source(scene, Reading(antialiased, axes, near))
-        setting = setting_of(source, camera, size, config, quality)
+        source = open_source(scene, view.reading)
+        setting = setting_of(source, view.camera, view.size, config, quality)
     mark = describe.antialiased_line(source)
     with served(source, setting, host, port) as (address, _):
         console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}", soft_wrap=True)
@@ -82,7 +77,7 @@ def setting_of(
     if size:
         (view,) = open_cameras(camera, None, size, source)
     else:
-        view = own_camera(camera, size, source)
+        view = open_camera(camera, size, source, resized=False)
         source.seen_by(view)
         view = view.resized(*fitting(config, within((view.width, view.height), AT_MOST)))
     file = split_id(camera)[0] if camera else camera_beside(source.name)

@@ -1,21 +1,23 @@
 """Packing, pictures, errors and cycles for Python programs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from splatcore.app.python import check
-from splatcore.golden import pipeline, reference
+from splatcore.golden import pipeline
 from splatcore.model.pack.pack import pack as packed
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.model.pack.report import PackReport
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.frame import engines
 from splatcore.sim.frame.choose import candidates, choose
 from splatcore.sim.frame.metric import LEVELS, Difference, difference
-from splatcore.sim.frame.source import check_fits
+from splatcore.sim.frame.shot import Shot
+from splatcore.sim.frame.source import Source
 from splatcore.spec.camera import Camera
-from splatcore.spec.colour import background_codes
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
@@ -64,8 +66,7 @@ def render_reference(
     Returns float64 [H, W, 3], RGB ≥ 0 with 1 for white, not clipped above. Gaussians with NaN or
     Inf are left out. Raises InputError, naming the wrong argument.
     """
-    convention = replace(SPLATCORE, background=check.colour("background", background))
-    return reference.render(check.shown(scene).gaussians(), check.view(camera), convention).image
+    return engines.reference(_shot(check.shown(scene), camera, DEFAULT, background)).image
 
 
 def render_golden(
@@ -142,7 +143,17 @@ def _frame(
     if isinstance(model, Scene):
         raise InputError("model: is a Scene; pack it first with splatcore.pack")
     check.kind("model", model, PackedModel)
-    check.view(camera)
-    check_fits(config, camera.width, camera.height)
-    colour = check.colour("background", background)
-    return pipeline.render(config, model, camera, background_codes(config, colour))
+    return engines.golden(_shot(model, camera, config, background))
+
+
+def _shot(shown: Scene | PackedModel, camera: Camera, config: Config, background: Colour) -> Shot:
+    """Check the camera and the background, and return the frame, whose progress is not shown."""
+    of = "scene" if isinstance(shown, Scene) else "model"
+    convention = replace(SPLATCORE, background=check.colour("background", background))
+    source = Source(shown.name, **{of: shown})
+    return Shot(source, check.view(camera), config, convention=convention, bar=_silent)
+
+
+@contextmanager
+def _silent(label: str) -> Iterator[Callable]:
+    yield lambda *_: None

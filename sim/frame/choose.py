@@ -7,12 +7,11 @@ import numpy as np
 
 from splatcore.golden.reference import colours, render
 from splatcore.model.gradients.drawn import blending_weights
-from splatcore.model.pack.pack import format_of, pack, packing_key
+from splatcore.model.pack.pack import format_of, pack
 from splatcore.model.pack.quality import COMPACT, LEAST_DB, STEPPED, UNLEARNED
 from splatcore.model.pack.report import PackReport
 from splatcore.model.pack.stored import stored_scene
 from splatcore.sim.frame.metric import LEVELS, against, difference, differences, psnr
-from splatcore.sim.frame.source import Source
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import COARSE, FINE, SECOND
 from splatcore.spec.config import Config
@@ -31,7 +30,16 @@ Progress = Callable[[str], None]  # called with the name of the step that begins
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A scene's packed model and the loss of packing.
+    """A scene's packed model, the report of its losses, and its quality."""
+
+    model: PackedModel
+    report: PackReport
+    quality: str
+
+
+@dataclass(frozen=True, eq=False)
+class Judged(Packed):
+    """A packed model and the loss of packing in some views.
 
     psnr_db: reference on the model against reference on the scene as trained, the worst of the
         views; None for equal pictures
@@ -39,9 +47,6 @@ class Packed:
     exact, drawn: the reference's 8-bit pictures of scene and model in that view
     """
 
-    model: PackedModel
-    report: PackReport
-    quality: str
     psnr_db: float | None
     camera: Camera
     exact: np.ndarray
@@ -77,11 +82,11 @@ class Views:
         found = [psnr(picture / LEVELS, exact / LEVELS) for picture, exact in pairs]
         return min(SAME_DB if db is None else db for db in found)
 
-    def judged(self, model: PackedModel, report: PackReport, quality: str) -> Packed:
+    def judged(self, model: PackedModel, report: PackReport, quality: str) -> Judged:
         """Render a model in all views and add its PSNR."""
         drawn = [picture(model.gaussians(), camera) for camera in self.cameras]
         db = self.least_db(drawn)
-        return Packed(
+        return Judged(
             model, report, quality, None if db == SAME_DB else db, self.cameras[0],
             self.pictures[0], drawn[0],
         )  # fmt: skip
@@ -92,59 +97,22 @@ def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
     return render(gaussians, camera).pixels
 
 
-def packing(source: Source, truths: dict[str, np.ndarray] | None = None) -> dict | None:
-    """Summary of how a source's scene was last packed; None if it was not.
-
-    truths: the reference's pictures of model ("machine") and scene ("scene") for a view other than
-        the one that the scene was packed for
-    """
-    if not source.packed:
-        return None
-    *_, last = source.packed.values()
-    size, db = last.model.bytes_per_gaussian, last.psnr_db
-    if truths:
-        db = psnr(truths["machine"] / LEVELS, truths["scene"] / LEVELS)
-    return {"quality": last.quality, "bytes_per_gaussian": size, "psnr_db_packing": db}
-
-
-def quality_of(source: Source, config: Config, cameras: Sequence[Camera]) -> str | None:
-    """The quality that is chosen for some views; None for a packed model."""
-    if source.scene is None:
-        return None
-    only, *more = candidates(source.scene, config)
-    return choose(source.scene, config, cameras).quality if more else only
-
-
-def packing_line(source: Source) -> str:
-    """`packing` as a line of text; empty if nothing was packed."""
-    found = packing(source)
-    if found is None:
-        return ""
-    db = "equal" if found["psnr_db_packing"] is None else f"{found['psnr_db_packing']:.2f} dB"
-    size = f"{found['bytes_per_gaussian']:.2f} bytes per Gaussian"
-    return f"packed as {found['quality']}: {size}, packing {db} against the scene as trained"
-
-
-def packed_model(
-    source: Source, config: Config, camera: Camera, quality: str | None = None
-) -> PackedModel:
-    """The model that a machine renders; a scene is packed for it, once. It may be empty."""
-    return (
-        source.model if source.model is not None else packed(source, config, camera, quality).model
-    )
-
-
 def packed(
-    source: Source, config: Config, camera: Camera, quality: str | None = None,
+    scene: Scene, config: Config, camera: Camera, quality: str | None = None,
     progress: Progress = str,
 ) -> Packed:  # fmt: skip
-    """Pack a source's scene for a machine and a view, once, and note its losses."""
-    key = packing_key(config), (quality or (camera.name, camera.width, camera.height))
-    if key not in source.packed:
-        source.packed[key] = choose(source.scene, config, [camera], quality, progress=progress)
-        for line in source.packed[key].report.notes:
-            source.note(line)
-    return source.packed[key]
+    """Pack a scene, in a quality or in the smallest that is good enough in a view."""
+    only, *more = [quality] if quality else candidates(scene, config)
+    if more:
+        return choose(scene, config, [camera], progress=progress)
+    progress(f"packing: {only}")
+    return Packed(*pack(scene, config, quality=only), only)
+
+
+def quality_of(scene: Scene, config: Config, cameras: Sequence[Camera]) -> str:
+    """The quality that is chosen for some views."""
+    only, *more = candidates(scene, config)
+    return choose(scene, config, cameras).quality if more else only
 
 
 def candidates(scene: Scene, config: Config) -> tuple[str, ...]:
@@ -163,7 +131,7 @@ def finest(scene: Scene, config: Config) -> str:
 def choose(
     scene: Scene, config: Config, cameras: Sequence[Camera] | Views, quality: str | None = None,
     least: float = LEAST_DB, progress: Progress = str,
-) -> Packed:  # fmt: skip
+) -> Judged:  # fmt: skip
     """Pack a scene in the smallest quality of `UNLEARNED` that is good enough.
 
     quality: the quality to use instead
@@ -186,7 +154,7 @@ def choose(
 def smallest(
     scene: Scene, config: Config, cameras: Sequence[Camera] | Views, least: float,
     progress: Progress = str,
-) -> Packed:  # fmt: skip
+) -> Judged:  # fmt: skip
     """Pack the smallest model with at least `least` dB in all views, or the best one.
 
     If the compact model is not enough: a stepped model, whose chunks get additional beats. The
@@ -200,7 +168,7 @@ def smallest(
     steps = upgrades(scene, config, views.cameras, progress)
     plain = np.zeros(chunk_count(len(stepped(scene, config))), np.int64)
 
-    def of(count: int) -> Packed:
+    def of(count: int) -> Judged:
         progress(f"packing: {count} of {len(steps)} steps")
         layouts = plain.copy()
         for chunk, layout in steps[:count]:
@@ -220,7 +188,7 @@ def smallest(
     return best
 
 
-def enough(packed: Packed, least: float) -> bool:
+def enough(packed: Judged, least: float) -> bool:
     """True if a model reaches `least` dB."""
     return packed.psnr_db is None or packed.psnr_db >= least
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 from splatcore.model.formats.spz_axes import AXES
 from splatcore.sim.common.choice import choices
-from splatcore.spec.camera import Camera
+from splatcore.sim.common.option import SCENE, option
+from splatcore.spec.camera import NEAR_LIMITS, Camera
 from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
@@ -14,25 +15,46 @@ ANTIALIASED = {True: "--antialiased", False: "--no-antialiased"}
 
 
 @dataclass(frozen=True)
-class Reading:
-    """Options on a scene; None: not given.
+class Marks:
+    """Marks that a scene file may lack; None: not given. Raises InputError for unknown axes."""
 
-    antialiased: override of the scene's mark
-    axes: axes of an SPZ file that does not state them, one of `AXES` in upper or lower case
-    near: near plane of all cameras, scene units
-
-    Raises InputError for unknown axes.
-    """
-
-    antialiased: bool | None = None
-    axes: str | None = None
-    near: float | None = None
+    antialiased: bool | None = option(
+        None,
+        None,
+        "Render with opacity compensation, for scenes trained with it. Default: as the file says.",
+        "--antialiased/--no-antialiased",
+        panel=SCENE,
+    )
+    axes: str | None = option(
+        None,
+        "RUB|RDF|…",
+        "Directions of x, y and z in an SPZ file that does not state them; RDF (right, down, "
+        "front) as in a PLY. Default: RUB, the format's own.",
+        panel=SCENE,
+    )
 
     def __post_init__(self):
         if self.axes is not None:
             if self.axes.upper() not in AXES:
                 raise InputError(f"--axes '{self.axes}': unknown; choose {choices(AXES)}")
             object.__setattr__(self, "axes", self.axes.upper())
+
+
+@dataclass(frozen=True)
+class Reading(Marks):
+    """Options on a scene; None: not given.
+
+    A field that is added here is an option of every command that renders a scene.
+    """
+
+    near: float | None = option(
+        None,
+        "Z",
+        f"Near plane: leave out Gaussians up to this depth. Default: {NEAR_PLANE:g}, as in 3DGS.",
+        panel=SCENE,
+        min=NEAR_LIMITS[0],
+        max=NEAR_LIMITS[1],
+    )
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -54,10 +76,10 @@ class Reading:
 
     def check_unpacked(self, name: str):
         """Raise InputError if an option was given that a packed model has fixed."""
-        for option in replace(self, near=None).options:
-            fixed = "axes" if option.startswith("--axes") else "mark"
+        for given in replace(self, near=None).options:
+            fixed = "axes" if given.startswith("--axes") else "mark"
             why = f"a packed model has its own {fixed}; repack the scene"
-            raise InputError(f"{option}: {name}: {why}: splatcore pack SCENE {option} -o MODEL")
+            raise InputError(f"{given}: {name}: {why}: splatcore pack SCENE {given} -o MODEL")
 
 
 AS_STATED = Reading()

@@ -1,11 +1,14 @@
-"""Scenes, models and cameras: the arguments SCENE, --camera, --cameras, --size and --engine, the
-folder of scenes, and views of a scene."""
+"""Scenes, models and cameras: the arguments SCENE, --camera, --cameras and --size, and the folder
+of scenes."""
 
 import os
 import re
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
@@ -24,8 +27,8 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
-ENGINES = ("reference", "golden", "rtl")
-"""Float64 reference, bit-accurate golden model, simulated hardware."""
+if TYPE_CHECKING:
+    from splatcore.sim.frame.choose import Packed
 
 VIEW_SIZE = (1920, 1080)  # pixels of a view that no camera file defines
 
@@ -44,18 +47,18 @@ class Source:
 
     name: its file, or the name of a generated scene
     camera: own camera of a generated scene, or the first in a scene's folder
-    packed: packed models, for `sim.packing`
     reading: the options it was read with, already applied to the scene
     notes: lines on unusual contents, and on views that show little
+    packings: the scene's packed models, which `Shot.packed` makes
     """
 
     name: str
     scene: Scene | None = None
     model: PackedModel | None = None
     camera: Camera | None = None
-    packed: dict = field(default_factory=dict)
     reading: Reading = AS_STATED
     notes: list[str] = field(default_factory=list)
+    packings: dict[tuple, "Packed"] = field(default_factory=dict, init=False)
 
     def note(self, line: str):
         """Add a note, and print it once."""
@@ -81,6 +84,11 @@ class Source:
     def gaussians(self) -> Gaussians:
         """The Gaussians that a renderer draws."""
         return (self.model if self.scene is None else self.scene).gaussians()
+
+    @property
+    def position(self) -> np.ndarray:
+        """Centres of the Gaussians, [N, 3]."""
+        return (self.model if self.scene is None else self.scene).position
 
     @property
     def stated(self) -> dict[str, bool | str | list[str] | float]:
@@ -119,6 +127,12 @@ def open_source(text: str, reading: Reading = AS_STATED) -> Source:
     return replace(source, scene=scene, reading=reading)
 
 
+@lru_cache(maxsize=1)
+def opened(text: str, reading: Reading = AS_STATED) -> Source:
+    """Open a source for a task; the process keeps the last one open."""
+    return open_source(text, reading)
+
+
 def check_source(text: str, reading: Reading = AS_STATED):
     """Raise InputError for a file that `open_source` cannot open, judged by its beginning."""
     if text in GENERATORS and not os.path.exists(text):
@@ -139,20 +153,20 @@ def check_named(text: str):
         raise InputError(f"{text}: {why}")
 
 
-def open_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """Return the camera of `own_camera`, resized to its picture."""
-    camera = own_camera(text, size, source)
-    return pictured([camera], size, split_id(text)[0] if text else source.name)[0]
+def open_camera(text: str | None, size: str | None, source: Source, resized: bool = True) -> Camera:
+    """Return the camera of FILE[:ID], else the scene's own, else a generated view.
 
-
-def own_camera(text: str | None, size: str | None, source: Source) -> Camera:
-    """Return the camera of FILE[:ID], else the scene's own, else a generated view; not resized."""
+    resized: to --size; InputError if the picture is too large without it
+    """
     shape = shape_of(size)
     if text:
         camera = read_camera(text, shape)
     else:
         camera = source.camera or sensible_view(source.gaussians, *(shape or VIEW_SIZE))
-    return source.reading.seen([camera])[0]
+    [camera] = source.reading.seen([camera])
+    if not resized:
+        return camera
+    return pictured([camera], size, split_id(text)[0] if text else source.name)[0]
 
 
 def open_cameras(
@@ -240,49 +254,3 @@ def camera_beside(source: str | Path) -> str | None:
         if re.match(r"\W|_", source.name[end:]) and path.is_file():
             return str(path)
     return None
-
-
-@dataclass(frozen=True)
-class View:
-    """A scene seen by one of its cameras.
-
-    scene: a file or the name of a generated scene
-    camera: ID in the camera file next to the scene; "": the first camera, else a generated view
-    size: WxH; None: the camera's own
-    file: value of --camera, instead of the file next to the scene
-    quality: packing; None: the smallest that is good enough
-    reading: how the scene is read
-    """
-
-    scene: str
-    camera: str = ""
-    size: str | None = None
-    file: str | None = None
-    quality: str | None = None
-    reading: Reading = AS_STATED
-
-    @property
-    def name(self) -> str:
-        """A key of everything that decides on the picture except the size; names its results."""
-        name = Path(self.scene).name + (f":{self.camera}" if self.camera else "")
-        words = name, self.quality, *self.reading.options
-        return " ".join(word for word in words if word)
-
-    @cached_property
-    def camera_text(self) -> str | None:
-        """The equivalent value of --camera; None: no camera file."""
-        path = self.file or camera_beside(self.scene)
-        if self.camera and path is None:
-            raise InputError(f"--cameras {self.camera}: {self.scene} has no camera file")
-        return f"{path}:{self.camera}" if self.camera else path
-
-    def camera_of(self, source: Source) -> Camera:
-        """Return its camera, resized to its size."""
-        camera = open_camera(self.camera_text, self.size, source)
-        source.seen_by(camera)
-        return camera
-
-    def open(self) -> tuple[Source, Camera]:
-        """Open the scene; return it and the camera."""
-        source = open_source(self.scene, self.reading)
-        return source, self.camera_of(source)

@@ -15,6 +15,7 @@ from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.scene import Scene
 
 if TYPE_CHECKING:
+    from splatcore.sim.frame.shot import Shot
     from splatcore.sim.frame.source import Source
 
 FEW = 0.1
@@ -24,13 +25,14 @@ NEAREST = 0.01
 """The near plane of gsplat and most viewers (scene units)."""
 
 
-def note_empty(source: "Source", camera: Camera, counts: dict):
+def note_empty(shot: "Shot", counts: dict):
     """Add a note if a picture shows no Gaussian.
 
     counts: of the picture, with "visible" (reference) or "splats" (machine)
     """
     if counts.get("visible", counts.get("splats")):
         return
+    source, camera = shot.source, shot.camera
     text = f"no Gaussian is visible from camera{_name(camera)} at {_point(camera.position)}"
     text = f"{text} with near plane {camera.near:g}{_extent(source)}"
     notes.add(f"{source.name}: {text}")
@@ -56,7 +58,7 @@ def before_near(source: "Source", camera: Camera) -> int:
     """Count the Gaussians before a camera's near plane that a near plane of `NEAREST` shows."""
     from splatcore.golden.reference import project
 
-    position = _position(source)
+    position = source.position
     with np.errstate(all="ignore"):
         depth = position @ camera.rotation[2] + camera.translation[2]
     index = np.flatnonzero((depth > NEAREST) & (depth <= camera.near))
@@ -85,16 +87,12 @@ def axes_note(scene: Scene, cameras: Sequence[Camera]) -> str:
 
 def _extent(source: "Source") -> str:
     """Return where most of a scene is, as text; empty without Gaussians."""
-    position = _position(source)
+    position = source.position
     position = position[np.isfinite(position).all(1)]
     if not len(position):
         return ""
     low, high = (_point(np.percentile(position, percent, axis=0)) for percent in (1, 99))
     return f"; 98 % of the scene's Gaussians are between {low} and {high}"
-
-
-def _position(source: "Source") -> np.ndarray:
-    return (source.model if source.scene is None else source.scene).position
 
 
 def _point(place: np.ndarray) -> str:

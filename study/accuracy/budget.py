@@ -22,7 +22,6 @@ from matplotlib.figure import Figure
 
 from splatcore.golden.bin import keys, splat_codes
 from splatcore.golden.exact import entries_of, features_of
-from splatcore.golden.pipeline import render
 from splatcore.golden.points import Points
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import render as render_reference
@@ -30,10 +29,11 @@ from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.plot import legend_below, side_by_side
 from splatcore.sim.common.table import Table, shown
 from splatcore.sim.frame.budget import part_by_part
-from splatcore.sim.frame.choose import Progress, packed
-from splatcore.sim.frame.metric import LEVELS
+from splatcore.sim.frame.choose import Progress
+from splatcore.sim.frame.engines import golden
+from splatcore.sim.frame.metric import LEVELS, against, difference
 from splatcore.sim.frame.picture import write_figure
-from splatcore.sim.frame.source import View, check_fits
+from splatcore.sim.frame.shot import View, judge
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
@@ -71,14 +71,15 @@ def budget(config: Config, view: View, progress: Progress = str) -> dict:
     Returns the view, the packing of its scene, the errors of its 8-bit pictures, and rows of
     `error` in `parts`. Raises InputError for a packed model.
     """
-    source, camera = view.open()
-    original = source.unpacked
-    check_fits(config, camera.width, camera.height)
+    shot = view.open(config)
+    camera, original = shot.camera, shot.source.unpacked
+    shot.check_fits()
     progress("packing")
-    found = packed(source, config, camera, view.quality)
+    found, model = shot.packed, shot.model
     progress("golden model")
-    frame, model = render(config, found.model, camera), found.model
-    scene, whole = exact_picture(source.gaussians, camera), Reference(model, camera)
+    frame = golden(shot)
+    metrics = judge(frame, shot) | {"packing": difference(shot.reference, shot.truth)}
+    scene, whole = exact_picture(shot.source.gaussians, camera), Reference(model, camera)
     rows = []
     for name, gaussians in part_by_part(original, model):
         progress(name)
@@ -96,7 +97,7 @@ def budget(config: Config, view: View, progress: Progress = str) -> dict:
         scene=Path(view.scene).name, camera=view.camera or camera.name,
         size=[camera.width, camera.height], quality=found.quality,
         bytes_per_gaussian=model.bytes_per_gaussian, parts=with_shares(rows),
-        **found.metrics(frame.pixels),
+        **against(metrics),
     ))  # fmt: skip
 
 

@@ -15,9 +15,8 @@ from splatcore.golden.points import Points, project_points
 from splatcore.golden.reference import Splats, areas, pixel_boxes, project, tile_lists
 from splatcore.golden.reference_tiles import rasterize
 from splatcore.model.generate.hard import HARD
-from splatcore.sim.frame.choose import packed_model
 from splatcore.sim.frame.metric import psnr
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import Shot, View
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import DEFAULT, PAPER, Config
@@ -249,14 +248,15 @@ def measure_view(view: View, machines: tuple[Config, ...], progress: Progress) -
     """
     progress("packing")
     begin = time.perf_counter()
-    source, camera = view.open()
+    shot = view.open()
+    source, camera = shot.source, shot.camera
     sources, references = {True: source, False: source}, {}
     if source.scene is not None and source.scene.antialiased:
         plain = replace(source.scene, antialiased=False)
-        sources[False] = replace(source, scene=plain, packed={})
+        sources[False] = replace(source, scene=plain)
 
     def reference(config: Config, compensates: bool) -> Reference:
-        model = packed_model(sources[compensates], config, camera)
+        model = Shot(sources[compensates], camera, config).model
         return references.setdefault(id(model), Reference(model, camera))
 
     whole = reference(DEFAULT, True)

@@ -16,7 +16,7 @@ from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.table import new_table
 from splatcore.sim.frame.picture import write_figure
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.metric import psnr_of_square
@@ -47,8 +47,8 @@ def exact_view(view: View) -> tuple[Splats, Entries, np.ndarray]:
     The splats are those of the Gaussians that a packed model keeps. No format of stage 3 changes
     the entries.
     """
-    source, camera = view.open()
-    gaussians = as_packed(source.gaussians)
+    shot = view.open()
+    gaussians, camera = as_packed(shot.source.gaussians), shot.camera
     splats, _ = project(gaussians, camera)
     image = np.clip(render(gaussians, camera).image, 0, 1)
     return splats, entries_of(DEFAULT, splats, camera), image

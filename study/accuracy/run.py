@@ -16,8 +16,9 @@ from splatcore.sim.common.notes import with_notes
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.sim.common.pool import CONTEXT, as_done, processes, send
 from splatcore.sim.frame.reading import AS_STATED, Reading
+from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.size import shape_of
-from splatcore.sim.frame.source import SUFFIXES, View, scene_files, scene_folder
+from splatcore.sim.frame.source import SUFFIXES, scene_files, scene_folder
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.study.accuracy.points import measure_view

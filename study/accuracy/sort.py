@@ -15,7 +15,7 @@ from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.table import new_table, shown
 from splatcore.sim.frame.metric import psnr
 from splatcore.sim.frame.picture import write_figure
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT
 from splatcore.study.accuracy.raster import EXACT_TITLE, exact_view
 

@@ -15,7 +15,7 @@ from splatcore.eda.gates.synth import memories
 from splatcore.eda.paper import ABLATION
 from splatcore.hdl.stages import WHOLE
 from splatcore.sim.common.output import console
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import DEFAULT, KB, Config
 from splatcore.spec.error import InputError

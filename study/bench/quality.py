@@ -17,9 +17,9 @@ from splatcore.model.pack.quality import UNLEARNED
 from splatcore.sim.common.plot import COLOURS, MARKERS
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
-from splatcore.sim.frame.choose import Packed, Views, choose, smallest
+from splatcore.sim.frame.choose import Judged, Views, choose, smallest
 from splatcore.sim.frame.picture import write_figure, write_png
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.config import Config
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK_HEADER
 from splatcore.spec.packed import PackedModel
@@ -49,8 +49,8 @@ def quality(
 
 def measure(view: View, config: Config, targets: list[float], folder: Path) -> dict:
     """Measure a view: {"rows": [one row per model]}. Writes its pictures."""
-    source, camera = view.open()
-    scene = source.unpacked
+    shot = view.open(config)
+    scene, camera = shot.source.unpacked, shot.camera
     seen = Views.of(scene, [camera])
     stem = f"{Path(view.scene).name.split('.')[0]}{f'-{view.camera}' if view.camera else ''}"
     write_png(folder / f"{stem}-scene.png", seen.pictures[0])
@@ -73,7 +73,7 @@ def measure(view: View, config: Config, targets: list[float], folder: Path) -> d
 
 def models(
     config: Config, scene: Scene, seen: Views, targets: list[float]
-) -> Iterator[tuple[str, Packed]]:
+) -> Iterator[tuple[str, Judged]]:
     """Yield each quality or target, and the model packed for it."""
     for name in UNLEARNED:
         yield name, choose(scene, config, seen, name)

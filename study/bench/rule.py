@@ -16,10 +16,8 @@ from splatcore.golden.raster import rasterize
 from splatcore.sim.common.output import write
 from splatcore.sim.common.table import Column, Table, comma_separated
 from splatcore.sim.cycles.raster import raster_cycles
-from splatcore.sim.frame.choose import packed_model
-from splatcore.sim.frame.engines import truths
 from splatcore.sim.frame.metric import LEVELS, against, differences
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.study.bench.campaign import rows_of_views
@@ -77,10 +75,9 @@ def measure_rules(config: Config, views: list[View], folder: Path, scheduler: st
 
 def measure(view: View, config: Config, rules: list[Rule]) -> dict:
     """Measure a view: {"rows": [one row per rule]}."""
-    source, camera = view.open()
-    model = packed_model(source, config, camera, view.quality)
-    truth = {"machine": truths(source, model, camera)["machine"]}
-    frame = render(replace(config, faint=()), model, camera)
+    shot = view.open(config)
+    camera, truth = shot.camera, {"machine": shot.reference}
+    frame = render(replace(config, faint=()), shot.model, camera)
     about = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}
     rows = [row(replace(config, faint=rule), frame, camera, truth, about) for rule in rules]
     return {"rows": facts(rows)}

@@ -17,16 +17,17 @@ import numpy as np
 from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.sim.common.cache import digest, with_key
-from splatcore.sim.common.output import console, progress_bar, write, write_json
+from splatcore.sim.common.output import console, write, write_json
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.common.table import Column, Table, comma_separated
 from splatcore.sim.cycles.frame import frame_cycles
-from splatcore.sim.frame.choose import packed_model
-from splatcore.sim.frame.engines import cycles, golden, truths
+from splatcore.sim.frame.choose import packed
+from splatcore.sim.frame.engines import cycles, golden
 from splatcore.sim.frame.metric import against, decibels, differences
 from splatcore.sim.frame.reading import AS_STATED, Reading
+from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.size import shape_of
-from splatcore.sim.frame.source import View, check_fits, scene_files
+from splatcore.sim.frame.source import scene_files
 from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
 from splatcore.sim.machine.path import build, simulate
@@ -55,7 +56,7 @@ FRAMES = (
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """A view's packed model, the golden model's frame, and the reference's pictures (`truths`)."""
+    """A view's packed model, the golden model's frame, and the reference's pictures."""
 
     model: PackedModel
     camera: Camera
@@ -103,7 +104,7 @@ class Simulator:
 
     def row(self, view: View, timing: Timing, path: Path) -> dict:
         """A view's result: read from the file if it was a success, else simulated and written."""
-        packs = code_key(packed_model)
+        packs = code_key(packed)
         about = [self.source, packs, repr(self.config), view.name, view.size, timing, FRAMES]
         key = digest(about)
         row = with_key(path, key)
@@ -118,12 +119,8 @@ class Simulator:
 @lru_cache(maxsize=1)
 def expect(config: Config, view: View) -> Expected:
     """Pack a view's scene, and render it by golden model and reference."""
-    with progress_bar(f"packing {view.name}"):
-        source, camera = view.open()
-        check_fits(config, camera.width, camera.height)
-        model = packed_model(source, config, camera, view.quality)
-    frame = golden(config, Job(model, camera))
-    return Expected(model, camera, frame, truths(source, model, camera))
+    shot = view.open(config)
+    return Expected(shot.model, shot.camera, golden(shot), shot.truths)
 
 
 def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:

@@ -9,17 +9,13 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-
 from splatcore.golden.pipeline import render
+from splatcore.model.pack.pack import packing_key
 from splatcore.sim.cycles.frame import frame_cycles
-from splatcore.sim.frame.choose import packed_model
-from splatcore.sim.frame.engines import truths
-from splatcore.sim.frame.metric import against, differences
-from splatcore.sim.frame.reading import AS_STATED, Reading
-from splatcore.sim.frame.source import Source, View, open_source
+from splatcore.sim.frame.metric import against
+from splatcore.sim.frame.shot import Shot, View, judge
+from splatcore.sim.frame.source import opened
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
-from splatcore.spec.packed import PackedModel
 from splatcore.study.bench.campaign import Task
 
 SPEED = (
@@ -52,14 +48,12 @@ def tasks(name: str, views: list[View], machines: dict[str, Config]) -> list[Tas
 def measure(view: View, machines: dict[str, Config]) -> dict:
     """Measure machines with the same picture on a view: {"rows": [one row per machine]}."""
     first = next(iter(machines.values()))
-    source = opened(view.scene, view.reading)
-    camera = view.camera_of(source)
-    model = packed_model(source, first, camera, view.quality)
-    frame = render(first, model, camera)
-    facts = against(differences(frame.pixels, exact(view, model))) | {
+    shot = packed_by(view, PACKERS.setdefault(packing_key(first), first))
+    frame = render(first, shot.model, shot.camera)
+    facts = against(judge(frame, shot)) | {
         "counts": frame.counts | {"front": len(frame.points.front)},
     }
-    about, rows = {"scene": Path(view.scene).name, "camera": view.camera or camera.name}, []
+    about, rows = {"scene": Path(view.scene).name, "camera": view.camera or shot.camera.name}, []
     for label, config in machines.items():
         cycles = frame_cycles(config, frame)
         speed = {"cycles": cycles.by_name, "fps_at_800mhz": CLOCK_HZ / cycles.frame}
@@ -67,14 +61,11 @@ def measure(view: View, machines: dict[str, Config]) -> dict:
     return {"rows": rows}
 
 
-@lru_cache(maxsize=1)
-def opened(scene: str, reading: Reading = AS_STATED) -> Source:
-    """Open a scene; the process keeps the last one open."""
-    return open_source(scene, reading)
+PACKERS: dict[tuple, Config] = {}
+"""A machine that stands for all that pack alike, by `packing_key`."""
 
 
 @lru_cache(maxsize=8)
-def exact(view: View, model: PackedModel) -> dict[str, np.ndarray]:
-    """The reference's 8-bit pictures of a model and of its scene."""
-    source = opened(view.scene, view.reading)
-    return truths(source, model, view.camera_of(source))
+def packed_by(view: View, machine: Config) -> Shot:
+    """A view's frame, whose packed model and pictures of the reference the process keeps."""
+    return view.open(machine, opened(view.scene, view.reading))

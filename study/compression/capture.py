@@ -13,7 +13,7 @@ from splatcore.model.formats.colmap import Points, read_colmap
 from splatcore.model.formats.colmap_write import landing, write_colmap
 from splatcore.sim.common.output import make_folder
 from splatcore.sim.frame.picture import write_png
-from splatcore.sim.frame.source import Source
+from splatcore.sim.frame.shot import Shot
 from splatcore.spec.camera import Camera
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import COLOUR_OFFSET
@@ -71,15 +71,15 @@ def named(views: Sequence[Camera]) -> list[tuple[Camera, str]]:
     return [(view, f"{view.name}.png") for view in views]
 
 
-def photograph(source: Source, view: Camera) -> dict:
-    """Worker: render a view by the reference.
+def photograph(shot: Shot) -> dict:
+    """Worker: render a frame by the reference.
 
     Returns `pixels`, `counts`, and `shows`: packed bits [N], Gaussians whose centre is visible.
     """
     from splatcore.golden.reference import render
     from splatcore.model.gradients.drawn import blending_weights
 
-    gaussians = source.gaussians
+    gaussians, view = shot.source.gaussians, shot.camera
     frame = render(gaussians, view)
     place = landing(view, gaussians.position)
     (light,) = blending_weights(gaussians, [view])

@@ -14,12 +14,14 @@ import typer
 from splatcore.app.cli import bench
 from splatcore.app.cli.main import register
 from splatcore.app.cli.options import app
+from splatcore.app.cli.reference import all_commands
 from splatcore.app.view import worker
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.frame.picture import write_png
 from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import View, open_source
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import open_source, opened
 from splatcore.spec.config import PAPER, TINY
 from splatcore.spec.error import InputError
 from splatcore.study.bench import scenes, sweep
@@ -40,7 +42,8 @@ def place(tmp_path, monkeypatch):
     for name in ("scene", "mip"):
         shutil.copy("cameras.json", f"{name}.cameras.json")
     Path(COMPENSATES).write_text('base = "TINY"\nantialiasing = true\n')
-    sweep.opened.cache_clear()
+    opened.cache_clear()
+    sweep.packed_by.cache_clear()
     return tmp_path
 
 
@@ -179,23 +182,17 @@ def test_refused_with_a_packed_model(packed, capsys, option):
         check_refused(capsys, f"{line} {option}", re.escape(message))
 
 
-def commands(group: object, *words: str):
-    """Yield the name and parameters of every command of a group."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, *words, name)
-        else:
-            yield " ".join((*words, name)), command.params
-
-
 def test_every_command_with_a_scene_has_the_option():
-    """Commands with a SCENE argument, `scene` and `train` have both options; `report` does not."""
+    """Commands with a SCENE argument, `scene` and `train` have both options; `report` does not.
+    All except `scene` and `train`, which read no scene file, also have --axes."""
     register()
-    for name, parameters in commands(typer.main.get_command(app)):
+    for name, command in all_commands(typer.main.get_command(app)):
+        parameters = command.params
         takes = any(re.search(r"\bSCENE\b(?!\.)", each.metavar or "") for each in parameters)
         takes = (takes or name in ("scene", "train")) and name != "report"
         options = {text for each in parameters for text in each.opts + each.secondary_opts}
         assert ({"--antialiased", "--no-antialiased"} <= options) == takes, name
+        assert ("--axes" in options) == (takes and name not in ("scene", "train")), name
 
 
 @pytest.mark.parametrize("antialiased", [True, False])
@@ -206,14 +203,13 @@ def test_views_of_benchmarks(place, monkeypatch, antialiased):
     views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], reading=reading)
     views += [bench.view_of("mip.ply:4", "64x48", None, reading)]
     own = scenes.views(["mip.ply"], "4", "64x48")[0]
-    assert len(views) == 2 and own.open()[0].stated["antialiased_by"] == COMMENT
+    assert len(views) == 2 and own.open().source.stated["antialiased_by"] == COMMENT
     option = "--antialiased" if antialiased else "--no-antialiased"
     stated = {"antialiased": antialiased, "antialiased_by": option, "notes": [], "near": 0.2}
     for view in views:
-        assert view.open()[0].stated == stated
+        assert view.open().source.stated == stated
         assert view.name.endswith(f" {option}") and repr(view) != repr(own) != own.name
-        opened = sweep.opened(view.scene, view.reading)
-        assert opened.stated["antialiased"] == antialiased
+        assert opened(view.scene, view.reading).stated["antialiased"] == antialiased
 
 
 def test_measured_tasks_have_the_override(place):

@@ -97,8 +97,8 @@ def test_a_frame(board, scene, tmp_path, capsys):
 def test_a_wrong_pixel_is_found(board, scene, tmp_path, capsys, monkeypatch):
     right = engines.golden
 
-    def other(config, job):
-        frame = right(config, job)
+    def other(shot):
+        frame = right(shot)
         frame.pixels[3, 5, 1] ^= 1
         return frame
 

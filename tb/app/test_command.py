@@ -294,7 +294,7 @@ def test_usage_errors_exit_with_2(capsys):
 def test_result_has_the_documented_keys():
     assert list(vars(Result("reference", "DEFAULT"))) == KEYS
     keys = [*KEYS, *vars(Compared("", ""))]
-    others = "psnr_db_packing bytes_per_gaussian middle_98_percent pes_busy nand2".split()
+    others = "psnr_db_packing bytes_per_gaussian middle_98_percent nand2".split()
     documented = (ROOT / "docs" / "json.md").read_text()
     assert all(f"`{key}`" in documented for key in (*keys, *others))
 

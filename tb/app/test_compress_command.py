@@ -1,6 +1,8 @@
 """The commands `train` and `compress`: models and facts they write, resuming, refusals."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +31,15 @@ from tb.helpers.compression_scene import garden_with_harmonics
 
 pytestmark = pytest.mark.compress
 
-QUICK = "--steps 4 --distill-steps 3 --quantize-steps 4 --views 5 --size 96x64".split()
+QUICK = {"steps": 4, "distill_steps": 3, "quantize_steps": 4, "views": 5}
+"""Keys of a recipe for a short run."""
+
+
+def compress(scene: Path, output: Path, *words: object, **keys: object) -> int:
+    """Run `compress` with a quick recipe and other keys; its exit status."""
+    file = output.with_suffix(".toml")
+    file.write_text("".join(f"{k} = {json.dumps(v)}\n" for k, v in (QUICK | keys).items()))
+    return run("compress", scene, "-o", output, "--recipe", file, "--size", "96x64", *words)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +84,8 @@ def compressed(scene_file, tmp_path_factory):
     """A small model, its facts as JSON, and the command that produced both."""
     folder = tmp_path_factory.mktemp("model")
     model, facts = folder / "small.splatcore", folder / "facts.json"
-    command = ["compress", str(scene_file), "-o", str(model), *QUICK, "--json", str(facts)]
-    assert run(*command) == 0
+    command = scene_file, model, "--json", facts
+    assert compress(*command) == 0
     return model, facts, command
 
 
@@ -83,7 +93,7 @@ def test_compress(compressed, tmp_path, capsys):
     """A scene file becomes a model that the machine renders; a second run changes nothing."""
     model, facts, command = compressed
     before = model.read_bytes()
-    assert run(*command) == 0 and model.read_bytes() == before
+    assert compress(*command) == 0 and model.read_bytes() == before
     shown = capsys.readouterr().out
     assert (
         "prune 0.399 (2)" in shown
@@ -103,42 +113,41 @@ def test_compress(compressed, tmp_path, capsys):
     picture = tmp_path / "picture.png"
     rendering = ["render", str(model), "--engine", "golden", "--size", "96x64", "-o", str(picture)]
     assert run(*rendering) == 0 and picture.is_file()
-    assert run(*command, "--seed", "1") == 2
+    assert compress(*command, seed=1) == 2
     assert "holds another compression's steps" in capsys.readouterr().err
 
 
 def test_degree(compressed, tmp_path, capsys):
-    """`--degree` sets the model's degree; with another degree or quality kept steps are refused."""
+    """`degree` sets the model's degree; with another degree or quality kept steps are refused."""
     scene, model = tmp_path / "third.ply", tmp_path / "third.splatcore"
     write_ply(scene, garden_with_harmonics(500))
-    command = ["compress", str(scene), "-o", str(model), *QUICK, "--degree", "3"]
-    assert run(*command, "--quality", "faithful") == 0
+    assert compress(scene, model, degree=3, quality="faithful") == 0
     packed = read_model(model)
     assert packed.format.sh_degree == 3 and not packed.format.codebooks
     assert set(packed.chunks["harmonics"]) == {FINE}
     capsys.readouterr()
     before = model.read_bytes()
-    for other in (command, [*command[:-1], "2"], command[:-2]):
-        assert run(*other) == 2 and model.read_bytes() == before
+    for other in ({"degree": 3}, {"degree": 2}, {}):
+        assert compress(scene, model, **other) == 2 and model.read_bytes() == before
         assert "holds another compression's steps" in capsys.readouterr().err
 
 
 def test_cameras_of_a_file(scene_file, compressed, photographs, tmp_path, capsys):
     """`--cameras` adds the file's cameras to the generated views, so the model differs."""
-    path, options = tmp_path / "b", ["--cameras", str(photographs)]
-    assert run("compress", str(scene_file), "-o", str(path), *QUICK, *options) == 0
+    path = tmp_path / "b"
+    assert compress(scene_file, path, "--cameras", photographs) == 0
     assert compressed[0].read_bytes() != path.read_bytes()
-    assert run("compress", str(scene_file), "-o", str(tmp_path / "c"), "--cameras", "no") == 2
+    assert compress(scene_file, tmp_path / "c", "--cameras", "no") == 2
     assert "no" in capsys.readouterr().err
 
 
 def test_beside_the_path(scene_file, photographs, tmp_path, capsys):
-    """The PSNR off the path is reported for four offsets; `--beside` changes the model."""
+    """The PSNR off the path is reported for four offsets; `beside` changes the model."""
     models = []
-    for share in ("0", "1"):
+    for share in (0, 1):
         model, facts = tmp_path / f"{share}.splatcore", tmp_path / "facts.json"
-        command = ["compress", str(scene_file), "-o", str(model), *QUICK, "--json", str(facts)]
-        assert run(*command, "--cameras", str(photographs), "--beside", share) == 0
+        command = scene_file, model, "--json", facts
+        assert compress(*command, "--cameras", photographs, beside=share) == 0
         models.append(model.read_bytes())
         found = load(facts)["psnr_db_beside"]
         assert list(found) == ["5 degrees", "15 degrees", "nearer", "farther"]
@@ -146,8 +155,8 @@ def test_beside_the_path(scene_file, photographs, tmp_path, capsys):
         shown = " ".join(capsys.readouterr().out.split())
         assert f"views of the path, off the path: 5 degrees {found['5 degrees']:.2f}" in shown
     assert models[0] != models[1]
-    assert run(*command, "--beside", "0.5") == 2
-    assert "--beside: goes with --cameras" in capsys.readouterr().err
+    assert compress(*command, beside=0.5) == 2
+    assert "toml: beside: goes with --cameras" in capsys.readouterr().err
     check_documented("`splatcore compress`", ["psnr_db_beside", *load(facts)])
 
 
@@ -157,13 +166,13 @@ def test_from_photographs_to_a_model(photographs, tmp_path, capsys):
     assert run("train", str(photographs), "-o", str(scene), "--steps", "30", "--hold-out", "4") == 0
     assert "dB on 3 held-out photographs" in capsys.readouterr().out
     assert read_scene(scene).sh_degree == 3 and len(read_cameras(photographs)) == 9
-    options = ["--images", str(photographs), "--target-ratio", "12", "--hold-out", "4"]
-    assert run("compress", str(scene), "-o", str(model), *QUICK, *options) == 0
+    options, keys = ("--images", photographs, "--target-ratio", 12), {"hold_out": 4}
+    assert compress(scene, model, *options, **keys) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "dB on 3 held-out photographs" in shown and "before" in shown
     (photographs / "images" / "1.png").unlink()
-    options += "--schedule , --distill-steps 0 --quantize-steps 0".split()
-    assert run("compress", str(scene), "-o", str(tmp_path / "b"), *QUICK, *options) == 0
+    keys |= {"schedule": [], "distill_steps": 0, "quantize_steps": 0}
+    assert compress(scene, tmp_path / "b", *options, **keys) == 0
     assert "1 photographs are missing or broken" in " ".join(capsys.readouterr().err.split())
 
 
@@ -182,22 +191,26 @@ def test_training_with_antialiasing(photographs, tmp_path, antialiased, monkeypa
 
 
 @pytest.mark.parametrize(
-    "options, message",
+    "options, keys, message",
     (
-        (["--schedule", "0.4,x"], "--schedule '0.4,x': must be shares"),
-        (["--schedule", "1.2"], "--schedule: 1.2 is not in 0 … 1"),
-        (["--max-drop", "1"], "--max-drop: needs photographs"),
-        (["--target-ratio", "9999999"], "--target-ratio: allows"),
-        (["--images", "nowhere"], "nowhere"),
-        (["--size", "0x5"], "--size 0x5: width 0"),
-        (["--degree", "4"], "--degree"),
-        (["--quality", "faithful"], "--quality: faithful needs --degree 2 or 3"),
-        (["--scale", "2", "--images", "nowhere"], "--scale 2: is not in 0 … 1"),
+        ("", {"schedule": [0.4, "x"]}, "toml: schedule[1]: 'x' is not a number"),
+        ("", {"schedule": [1.2]}, "toml: schedule: 1.2 is not in 0 … 1"),
+        ("--max-drop 1", {}, "--max-drop: needs photographs"),
+        ("--target-ratio 9999999", {}, "--target-ratio: allows"),
+        ("--target-ratio 9 --max-drop 1", {}, "--target-ratio, --max-drop: give only one"),
+        ("--images nowhere", {}, "nowhere"),
+        ("--size 0x5", {}, "--size 0x5: width 0"),
+        ("", {"degree": 4}, "toml: degree: 4 is not in 0 … 3"),
+        ("", {"quality": "faithful"}, "toml: quality: faithful needs degree 2 or 3"),
+        ("--images nowhere", {"scale": 2}, "toml: scale: 2 is not in 0.001 … 1"),
+        ("", {"views": 0}, "toml: views: 0 is not 1 or more"),
+        ("", {"hold_out": -1}, "toml: hold_out: -1 is not 0 or more"),
+        ("", {"beside": 1.5}, "toml: beside: 1.5 is not in 0 … 1"),
     ),
 )
-def test_bad_options(scene_file, tmp_path, capsys, options, message):
+def test_bad_options(scene_file, tmp_path, capsys, options, keys, message):
     model = tmp_path / "m"
-    assert run("compress", str(scene_file), "-o", str(model), *QUICK, *options) == 2
+    assert compress(scene_file, model, *options.split(), **keys) == 2
     error = capsys.readouterr().err
     assert message in " ".join(error.split()) and not model.exists()
 
@@ -205,8 +218,8 @@ def test_bad_options(scene_file, tmp_path, capsys, options, message):
 def test_degree_above_the_scene_s(scene_file, tmp_path, capsys, monkeypatch):
     """A degree above the scene's is refused before any picture is rendered."""
     monkeypatch.delattr(compression_run, "teacher")
-    assert run("compress", str(scene_file), "-o", str(tmp_path / "m"), "--degree", "2") == 2
-    assert "small.ply: --degree 2 is above its degree 1" in capsys.readouterr().err
+    assert compress(scene_file, tmp_path / "m", degree=2) == 2
+    assert "small.ply: degree 2 is above its degree 1" in capsys.readouterr().err
 
 
 def test_key_of_kept_steps(scene_file):

@@ -9,7 +9,7 @@ from splatcore.app.cli import commands
 from splatcore.app.cli.commands import COMMANDS, PURPOSES
 from splatcore.app.cli.main import register
 from splatcore.app.cli.options import app
-from splatcore.app.cli.reference import page
+from splatcore.app.cli.reference import all_commands, page
 from splatcore.study.bench.scenes import MORE_CAMERAS
 from tb.helpers.command import ROOT
 from tb.helpers.known_words import unknown_words
@@ -22,16 +22,12 @@ ALIKE = "--camera --cameras --size --antialiased --axes --near --preset --qualit
 """Options of many commands."""
 
 
-def parts(command, *words: str):
-    """Yield a command and all commands below it, each with its words."""
-    yield words, command
-    for name, part in getattr(command, "commands", {}).items():
-        yield from parts(part, *words, name)
-
-
 def all_parts() -> dict[str, typer.core.TyperCommand]:
+    """The program, its groups and its commands by name."""
     register()
-    return {" ".join(words): part for words, part in parts(typer.main.get_command(app))}
+    program = typer.main.get_command(app)
+    groups = {name: program.commands[name] for name in commands.GROUPS}
+    return {"": program} | groups | dict(all_commands(program))
 
 
 def printed(command, words: str, capsys, monkeypatch) -> str:

@@ -7,11 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
 import splatcore
-from splatcore.app.cli.main import register
-from splatcore.app.cli.options import app
 from splatcore.app.cli.view import setting_of
 from splatcore.app.view import text
 from splatcore.model.formats.camera_file import read_cameras
@@ -19,11 +16,11 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.reading import Reading
-from splatcore.sim.frame.source import View, open_source
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import open_source, opened
 from splatcore.sim.frame.unseen import axes_note
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
-from splatcore.study.bench import sweep
 from tb.helpers.command import check_refused, load, run, write_scene
 from tb.helpers.scene_file import spz_of
 
@@ -43,7 +40,7 @@ def place(tmp_path, monkeypatch):
     Path("stated.spz").write_bytes(spz_of(scene, 6))
     for name in ("scene", "open", "stated"):
         shutil.copy("cameras.json", f"{name}.cameras.json")
-    sweep.opened.cache_clear()
+    opened.cache_clear()
     return tmp_path
 
 
@@ -193,19 +190,6 @@ def test_a_packed_model_has_no_axes(place, capsys):
         check_refused(capsys, f"{command} --axes rdf", message)
     check_refused(capsys, "render garden -o a.png --axes rdf", "--axes RDF: garden is generated")
     assert open_source("a.splatcore").stated["notes"] == []
-
-
-def test_every_command_with_a_scene_has_axes():
-    register()
-
-    def commands(group):
-        for command in group.commands.values():
-            yield from commands(command) if hasattr(command, "commands") else [command]
-
-    for command in commands(typer.main.get_command(app)):
-        options = {text for each in command.params for text in each.opts}
-        takes = "--antialiased" in options and command.name not in ("scene", "train")
-        assert ("--axes" in options) == takes, command.name
 
 
 def test_views_by_other_axes_have_other_names(place):

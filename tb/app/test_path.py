@@ -8,8 +8,9 @@ import av
 import numpy as np
 import pytest
 
+from splatcore.app.cli import path as path_command
 from splatcore.app.cli import video
-from splatcore.app.cli.path import folded, quality_of
+from splatcore.app.cli.path import folded, packed_alike
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.sim.common import output
@@ -17,9 +18,9 @@ from splatcore.sim.common.pool import processes
 from splatcore.sim.frame import choose
 from splatcore.sim.frame.metric import channel_error, difference
 from splatcore.sim.frame.picture import error_picture, read_png
-from splatcore.sim.frame.source import Source, open_path
-from splatcore.spec.config import DEFAULT
-from splatcore.study.bench import campaign, sweep
+from splatcore.sim.frame.shot import Shot
+from splatcore.sim.frame.source import Source, open_path, opened
+from splatcore.study.bench import campaign
 from tb.helpers.campaign_tasks import say
 from tb.helpers.command import check_documented, check_refused, load, run, write_scene
 
@@ -45,7 +46,7 @@ def place(tmp_path, monkeypatch):
     Path("pictures").mkdir()
     shutil.copy("scene.ply", "pictures/4.png")
     Path("taken/7.png").mkdir(parents=True)
-    sweep.opened.cache_clear()
+    opened.cache_clear()
     return tmp_path
 
 
@@ -107,7 +108,7 @@ def test_a_scene_is_opened_and_packed_once(here, monkeypatch):
         return lambda *words, **more: done.append(function.__name__) or function(*words, **more)
 
     monkeypatch.setattr(choose, "pack", counted(choose.pack))
-    monkeypatch.setattr(sweep, "open_source", counted(sweep.open_source))
+    monkeypatch.setattr(path_command, "open_source", counted(path_command.open_source))
     found = path("cycles scene.ply --cameras cameras.json --quality faithful")
     assert sorted(done) == ["open_source", "pack"]
     run("pack scene.ply -o m.splatcore --quality faithful --camera cameras.json")
@@ -138,9 +139,11 @@ def test_packing_notes_are_printed_once(here, capsys):
 
 def test_few_views_choose_the_packing(monkeypatch):
     """The quality is chosen from at most four views: the first and others, evenly spread."""
-    monkeypatch.setattr(choose, "quality_of", lambda source, config, views: views)
+    monkeypatch.setattr(choose, "quality_of", lambda scene, config, views: views)
+    source = Source("scene", scene=object())
     for count, some in ((1, [0]), (4, [0, 1, 2, 3]), (9, [0, 3, 6]), (400, [0, 100, 200, 300])):
-        assert quality_of(Source("scene"), DEFAULT, list(range(count))) == some
+        shots = packed_alike([Shot(source, number) for number in range(count)])
+        assert [shot.quality for shot in shots] == [some] * count
 
 
 def test_compare_each_camera(here, monkeypatch, capsys):
@@ -244,53 +247,6 @@ def test_numbers_of_rows():
         {"a": 4, "text": "y", "none": None, "db": 50.0, "in": {"b": 4.0, "t": "y"}, "same": True},
     ]
     assert folded(rows, max) == {"a": 4, "db": 50.0, "in": {"b": 4.0}}
-
-
-BAD = {
-    "cycles scene.ply --camera cameras.json --cameras 4,7": "use --camera or --cameras, not both",
-    "render scene.ply -o a --camera cameras.json --cameras 4": "use --camera or --cameras, not",
-    "compare reference golden --scene scene.ply --camera cameras.json --cameras 4": "not both",
-    "cycles scene.ply --cameras 4,5": "--cameras 4,5: no such file; scene.*no camera '5'.*4, 7",
-    "cycles scene.ply --cameras cameras.json:5": "cameras.json: no camera '5'",
-    "cycles scene.ply --cameras none.json": "--cameras none.json: no such file; scene",
-    "cycles garden --cameras none.json": "--cameras none.json: no such file, and garden has no",
-    "cycles scene.ply --cameras 4,4": "--cameras 4,4: two cameras have the name 4",
-    "cycles scene.ply cut.ply --cameras 4,7": "--cameras: needs a single SCENE",
-    "cycles cut.ply --cameras cameras.json": "cut.ply: ",
-    "cycles none.ply --cameras 4,7": "none.ply: No such file",
-    "cycles scene.ply --cameras large.json": "picture of 8000x48: preset DEFAULT",
-    "cycles scene.ply --scheduler tcp://localhost:1": "--scheduler: goes with --cameras",
-    "compare reference a.png --scene scene.ply --cameras 4": "--cameras: needs reference gol",
-    "compare reference rtl --scene scene.ply --cameras 4": "--cameras: needs reference golden",
-    "compare reference golden --scene scene.ply --cameras 4 -o a.png": "and no -o",
-    "render scene.ply": "-o: is missing",
-    "render scene.ply --cameras 4,7": "-o: is missing",
-    "render scene.ply -o a.png --cameras 4,7": "-o a.png: names a picture; with --cameras it is a",
-    "render scene.ply -o new --cameras slash.json": "two cameras have the name a/b",
-    "render scene.ply -o cut.ply --cameras 4,7": "cut.ply: is not a folder",
-    "render scene.ply -o none/new --cameras 4,7": "none/new: folder .*none does not exist",
-    "render scene.ply -o taken --cameras 4,7": "taken/7.png: is a folder",
-    "render pictures/4.png -o pictures --cameras cameras.json": "-o would overwrite pictures/4.png",
-    "render scene.ply -o new --json new --cameras 4,7": "-o and --json name the same file",
-    "render scene.ply -o new --cameras 4,7 --heat-map h.png": "--heat-map: goes with one camera",
-    "render scene.ply -o new --cameras 4,7 --engine rtl": "--engine rtl: no --cameras",
-    "render scene.ply -o new --cameras 4,7 --fps 5": "--fps: goes with --cameras and --video",
-    "render scene.ply -o a.png --beside error": "--beside: goes with --cameras",
-    "render scene.ply -o a.png --video v.mp4": "--video: goes with --cameras",
-    "render scene.ply --cameras 4,7 --video v.avi": "--video v.avi: must end in .mp4",
-    "render scene.ply --cameras 4,7 --video none/v.mp4": "none/v.mp4: folder .*none does not exist",
-    "render scene.ply --cameras 4,7 --video v.mp4 --fps 0": "'--fps': .*or equal to 1",
-    "render scene.ply --cameras 4,7 --video v.mp4 --beside roof": "--beside 'roof': unknown",
-    "render scene.ply --cameras 4,7 --video v.mp4 --beside error": "--beside: goes with --engine g",
-    "render scene.ply --cameras sizes.json --video v.mp4": "64x48 and 63x48; use --size",
-}
-
-
-@pytest.mark.parametrize("arguments", BAD)
-def test_refused(place, capsys, arguments):
-    before = sorted(place.rglob("*"))
-    check_refused(capsys, arguments, BAD[arguments])
-    assert sorted(place.rglob("*")) == before
 
 
 def test_without_the_encoder(place, monkeypatch, capsys):

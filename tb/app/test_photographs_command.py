@@ -22,7 +22,7 @@ from splatcore.spec.colour import SH_C0
 from splatcore.spec.error import InputError
 from splatcore.study.bench import campaign
 from splatcore.study.compression import capture
-from tb.helpers.command import check_documented, check_refused, load, run
+from tb.helpers.command import check_documented, load, run
 
 SIZE = (64, 40)
 QUICK = ["--views", "9", "--size", "64x40", "--points", "60"]
@@ -61,9 +61,9 @@ def cameras_used(monkeypatch):
     """Record the camera of each photograph, by file name."""
     photograph, used = capture.photograph, {}
 
-    def noted(source, view):
-        used[f"{view.name}.png"] = view
-        return photograph(source, view)
+    def noted(shot):
+        used[f"{shot.camera.name}.png"] = shot.camera
+        return photograph(shot)
 
     monkeypatch.setattr(capture, "photograph", noted)
     return used
@@ -212,28 +212,6 @@ def test_views_of_nothing(place, tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr()
     assert "no Gaussian is in 2 of the photographs" in printed.err.splitlines()[-1]
     assert not Path("a").exists() and not printed.out
-
-
-REFUSED = {
-    "--views 0": "'--views'",
-    "--points 0": "'--points'",
-    "--seed -1": "'--seed'",
-    "--size 0x5": "--size 0x5: width 0",
-    "--size big": "--size 'big'",
-    "--path-share 0.5": "--path-share: goes with --cameras",
-    "--cameras given.json --path-share 1.5": "--path-share 1.5: is not in 0 … 1",
-    "--cameras given.json --path-share nan": "--path-share nan: is not in 0 … 1",
-    "--cameras none.json": "none.json",
-    "--cameras small.ply": "small.ply",
-}
-
-
-@pytest.mark.parametrize("options", REFUSED)
-def test_refused(place, monkeypatch, capsys, options):
-    monkeypatch.chdir(place)
-    before = sorted(place.iterdir())
-    check_refused(capsys, f"photographs small.ply -o a {options}", REFUSED[options])
-    assert sorted(place.iterdir()) == before
 
 
 def test_names_go_on_in_their_order(monkeypatch):

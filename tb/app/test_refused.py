@@ -1,15 +1,24 @@
 """Bad input of every command: one line of error, and no file is written; help texts."""
 
+import json
+import os
 import re
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+from splatcore.app.cli.commands import GONE
+from splatcore.app.cli.main import register
+from splatcore.app.cli.options import app
+from splatcore.app.cli.recipe_file import KEYS
 from splatcore.model.generate.generate import GENERATORS, generate
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
+from splatcore.sim.frame.picture import write_png
 from splatcore.study.compression import run as compression_run
 from splatcore.study.report.titles import SECTIONS
 from tb.helpers.command import check_refused, run, write_scene
@@ -17,163 +26,89 @@ from tb.helpers.command import check_refused, run, write_scene
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a small scene, two cameras, its packed model, and broken files."""
+    """A folder with a small scene under several names, cameras, packed models, photographs, and
+    broken files."""
     folder = tmp_path_factory.mktemp("refused")
     write_scene(folder)
     scene, model, cameras = map(folder.joinpath, ("scene.ply", "scene.splatcore", "cameras.json"))
     assert run("pack", scene, "-o", model, "--camera", cameras) == 0
-    image, data = bytearray(model.read_bytes()), scene.read_bytes()
+    image, data, listed = bytearray(model.read_bytes()), scene.read_bytes(), cameras.read_bytes()
     image[1000] ^= 1
-    less = data.replace(b"property float rot_3\n", b"", 1)
-    files = {"damaged.splatcore": image, "cut.ply": data[:5000], "less.ply": less, "file": b""}
-    files |= {"bare.json": b'[{"id": 0, "width": 4, "height": 4}]', "empty.json": b"[]"}
-    scene = generate("garden", 30)
+    picture = folder / "g.png"
+    write_png(picture, np.zeros((16, 16, 3), np.uint8))
+    files = {
+        "damaged.splatcore": image, "cut.ply": data[:5000], "file": b"", "empty.toml": b"# none\n",
+        "less.ply": data.replace(b"property float rot_3\n", b"", 1), "pictures/4.png": data,
+        "bare.json": b'[{"id": 0, "width": 4, "height": 4}]', "empty.json": b"[]",
+        "plain.toml": b'name = "PLAIN"\nsh_degree = 2\n', "scene.cameras.json": listed,
+        "wide.toml": b'name = "WIDE"\nwidth_max = 2048\nheight_max = 2048\n',
+        "r.png": picture.read_bytes(), "photos/images/1.png": picture.read_bytes(),
+        "photos/cameras.json": listed, "photos/transforms_train.json": listed,
+        "photos/colmap/points.ply": listed, "sub/file": b"", "taken/7.png/file": b"",
+        "recipe.toml": b"rate = 20\n", "texts.toml": b'steps = "many"\n', "key.toml": b"step = 9\n",
+    }  # fmt: skip
+    first, second = json.loads(listed)
+    views = {
+        "slash": [first | {"id": "a/b"}, second | {"id": "a b"}],
+        "sizes": [first, second | {"width": 63}], "large": [first, second | {"width": 8000}],
+        "low": [first | {"id": 0, "height": 0}], "wide": [first | {"width": 1957, "height": 1091}],
+    }  # fmt: skip
+    files |= {f"{name}.json": json.dumps(each).encode() for name, each in views.items()}
+    garden = generate("garden", 30)
     for degree in (1, 3):
         sh = np.random.default_rng(degree).normal(size=(30, (degree + 1) ** 2, 3)) / 9
-        packed, _ = pack(replace(scene, sh=sh), quality="balanced")
+        packed, _ = pack(replace(garden, sh=sh), quality="balanced")
         files[f"degree{degree}.splatcore"] = packed.image.tobytes()
-    files["plain.toml"] = b'name = "PLAIN"\nsh_degree = 2\n'
     for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
+    os.link(scene, folder / "hard.ply")
+    os.symlink("scene.ply", folder / "soft.ply")
     return folder
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Content of all files below a folder, by path; folders are empty."""
+    return {str(p): p.read_bytes() if p.is_file() else b"" for p in folder.rglob("*")}
 
 
 @pytest.fixture
 def unchanged(place, monkeypatch):
     """That folder as the working folder; no test may change it."""
     monkeypatch.chdir(place)
-    before = {path: path.read_bytes() for path in place.iterdir()}
+    before = content(place)
     yield
-    assert {path: path.read_bytes() for path in place.iterdir()} == before
+    assert content(place) == before
 
 
-WAVES = "render scene.ply --engine rtl --preset tiny --size 9x9 --waves w.vcd -o a.png"
-
-BAD = {
-    "bench ablation -o nowhere/X garden": "nowhere/X: folder .* does not exist",
-    "bench coding scene.ply -o out": "bench coding: .* removed; .*2026-11-compression.md",
-    "programs --show cull": "programs: .* removed; spec/programs.py",
-    "bench scenes --out out scene.ply --timing x": "'x'.*ideal or lpddr4",
-    "bench scenes --out out --cameras 3 scene.splatcore": "no camera file",
-    "bench sort -o out --lengths 1,two": "--lengths '1,two': must be numbers",
-    "bench sort -o out --lengths 0,4": "--lengths '0,4': must all be in 1",
-    "bench sort -o out --preset HUGE": "HUGE",
-    "bench sort -o none/out": "none/out",
-    "bench sort -o out --json none/a.json": "none/a.json",
-    "coverage nowhere": "nowhere: holds no counts of simulations",
-    "soak frames -o out --count 0": "--count 0: must be ≥ 1",
-    "soak faults -o out --seed -1": "--seed -1: must be ≥ 0",
-    "soak faults -o none/out": "none/out",
-    "bench sweep -o out --point best": "--point 'best': unknown",
-    "bench sweep -o out garden --size 0x5": "--size 0x5: width 0 is not in",
-    "compare scene.ply": "two images",
-    "compare scene.ply scene.ply -o a.png": "scene.ply: is not an image",
-    "compare reference reference -o a.png": "--scene",
-    "error scene.ply --width wide": "'wide'.*7/16",
-    "error empty": "empty: no Gaussian is visible",
-    "error scene.ply --stage roof": "--stage 'roof'",
-    "error --scenes none": "--scenes none: no such folder",
-    "error --camera cameras.json --scenes .": "--camera: goes with a SCENE",
-    "error scene.ply --scenes .": r"--scenes \.: name a folder or a SCENE",
-    "error scene.ply none.ply": r"none\.ply: No such file",
-    "error scene.ply --camera none.json": r"none\.json: no such file",
-    "error scene.ply --preset HUGE": "HUGE",
-    "fit scene.ply -o out.toml --fps 0": "--fps 0: is not in",
-    "fit scene.ply -o out.toml --fps nan": "--fps nan: is not in",
-    "fit scene.ply -o out.toml --fps -3": "--fps -3",
-    "fit scene.ply -o out.toml --fps 9 --psnr inf": "--psnr inf",
-    "fit scene.ply -o out.toml --fps 9 --psnr 0": "--psnr 0",
-    "fit scene.ply -o out.toml --fps 9 --size 5000x10": "--size 5000x10: ",
-    "fit scene.ply -o out.toml --fps 9 --cameras none.json": r"none\.json",
-    "fit scene.ply -o out.toml --fps 9 --cameras empty.json": "holds no cameras",
-    "fit scene.ply --fps 9 -o x.json": r"must end in \.toml",
-    "fit scene.ply --fps 9 -o paper.toml": "the name of a built-in preset",
-    "fpga --stage nothing": "--stage 'nothing': unknown",
-    "fpga --whole --stage cull": "use --whole or --stage, not both",
-    "fpga --device 12k": "--device '12k': unknown",
-    "hard roof": "hard case 'roof'.*needles, flakes.*one_pixel",
-    "hard one --engine gpu": "'gpu'",
-    "hard one --preset huge": "'huge'",
-    "hard one --size wide": "'wide'",
-    "hard one --preset tiny --size 65x64": "65x64.*64x64",
-    "hard one --engine rtl --timing slow": "'slow'.*ideal or lpddr4",
-    "hard one --timing ideal": "--timing: goes with --engine rtl",
-    "hard one -o none/pictures": "none/pictures: folder .* does not exist",
-    "hard one -o file": "file: is not a folder",
-    "hard one --json none/a.json": "none/a.json",
-    "cycles scene.ply scene.splatcore --quality compact": "scene.splatcore is packed already",
-    "bench scenes -o out scene.splatcore --quality small": "scene.splatcore is packed already",
-    "bench rule -o out scene.splatcore --quality small": "scene.splatcore is packed already",
-    "bench ablation -o out garden --rtl scene.splatcore --quality small": "is packed already",
-    "info less.ply": "less.ply.*rot_3",
-    "info gardn": "gardn: No such file or directory, and no generated scene has this name",
-    "render scene.ply --camera 10 -o a.png": "10: no such file; camera 10 of FILE is FILE:10",
-    "pack cut.ply -o a.splatcore": "cut.ply",
-    "pack scene.splatcore -o a.splatcore": "scene.splatcore.*packed",
-    "photographs none.ply -o a": "none.ply",
-    "photographs cut.ply -o a": "cut.ply",
-    "photographs less.ply -o a": "less.ply.*rot_3",
-    "photographs jungle -o a": "jungle",
-    "photographs scene.splatcore -o a": "scene.splatcore.*packed",
-    "photographs scene.ply -o a --cameras bare.json": "bare.json.*fx",
-    "photographs scene.ply -o a --cameras empty.json": "holds no cameras",
-    "photographs scene.ply -o a --size 99999x10": "width 99999",
-    "render none.ply -o a.png": "none.ply",
-    "render cameras.json -o a.png": "cameras.json",
-    "render scene.ply --camera none.json -o a.png": "none.json",
-    "render scene.ply --camera cameras.json:5 -o a.png": "cameras.json.*5",
-    "render scene.ply --camera bare.json -o a.png": "bare.json.*fx",
-    "render scene.ply --size 0x10 -o a.png": "width 0",
-    "render scene.ply --size 99999x10 -o a.png": "width 99999",
-    "render scene.ply --size big -o a.png": "--size 'big'",
-    "render scene.ply --engine golden --original -o a.png": "golden: no --original",
-    "render scene.ply --engine rtl --heat-map h.png -o a.png": "rtl: no --original",
-    "render scene.ply --engine rtl --no-compare -o a.png": "rtl: no --no-compare",
-    "render scene.ply --engine rtl --preset tiny -o a.png": "1920x1080.*64x64",
-    "render scene.ply --frames 2 -o a.png": "--frames: goes with --engine rtl",
-    "render scene.ply --engine rtl --frames 0 -o a.png": "--frames 0",
-    "render scene.ply --engine rtl --timing x -o a.png": "'x'.*ideal or lpddr4",
-    "render scene.ply --engine rtl --waves w.vcd -o a.png": "--window or --tile",
-    "render scene.ply --engine rtl --window 1:2 -o a.png": "--waves",
-    f"{WAVES} --window 2": "--window '2'",
-    "render scene.ply --engine rtl --scope top -o a.png": "--scope: goes with --waves",
-    "render scene.ply --engine rtl --waves w.ghw --window 1:2 -o a.png": "w.ghw: must end in",
-    "render scene.ply --scope top -o a.png": "--scope: goes with --engine rtl",
-    "render scene.ply --waves-max 9 -o a.png": "--waves-max: goes with --engine rtl",
-    f"{WAVES} --tile 1,0": "--tile 1,0.*9x9",
-    "render scene.ply --engine gpu -o a.png": "gpu",
-    "render scene.ply --preset HUGE -o a.png": "HUGE.*DEFAULT, PAPER, TINY",
-    "render scene.ply -o none/a.png": "none/a.png",
-    "render scene.ply -o a.png --json none/a.json": "none/a.json",
-    "render scene.ply -o a.png --heat-map none/h.png": "none/h.png",
-    "render scene.ply --background 1,2 -o a.png": "--background '1,2'",
-    "render damaged.splatcore -o a.png": "damaged.splatcore: checksum",
-    "render degree3.splatcore --engine golden --preset plain.toml -o a.png": (
-        "degree3.*SH degree 3, preset PLAIN renders up to 2.*--preset PLAIN"
-    ),
-    "render degree3.splatcore --engine golden --preset paper -o a.png": "degree 3.*up to 1",
-    "render degree1.splatcore --engine golden --preset paper -o a.png": "PAPER.*compact",
-    "render scene.splatcore --engine golden --preset paper -o a.png": "'chunk', .*PAPER 'absolute'",
-    "report -o out --section speed": r"--section 'speed': unknown; choose scenes, quality",
-    "report -o out --size 3": "--size '3': is not WIDTHxHEIGHT",
-    "report -o out --preset HUGE": "preset 'HUGE': unknown",
-    "report -o out --scene none.ply": r"none\.ply",
-    "report -o none/out": "none/out: folder .* does not exist",
-    "scene jungle -o a.ply": "jungle.*garden",
-    "scene garden --count 0 -o a.ply": "count: 0",
-    "synth --stage roof": "'roof'.*project",
-    "synth --stage add -o out": "-o out: goes with --liberty",
-    "synth --stage add --process 130": "--process 130.0: goes with --liberty",
-    "synth --stage add --liberty scene.ply": "scene.ply: not a liberty file",
-    "verilog -o none/rtl": "none/rtl",
-    "example -o none/a": "none/a",
-}
+REFUSED = dict(
+    line.split("  =>  ")
+    for line in (Path(__file__).parent / "refused.txt").read_text().splitlines()[3:]
+    if line and not line.startswith("# ")
+)
 """Arguments → pattern of the error message."""
 
 
-@pytest.mark.parametrize("arguments", BAD)
+@pytest.mark.parametrize("arguments", REFUSED)
 def test_bad_input(unchanged, capsys, arguments):
-    check_refused(capsys, arguments, BAD[arguments])
+    check_refused(capsys, arguments, REFUSED[arguments])
+
+
+def test_every_option_that_is_gone_names_another(unchanged, capsys):
+    """The option that is named instead exists, or the key of a recipe."""
+    register()
+    options = {each for name in ("simulate", "compress") for each in all_options(name)}
+    for words, instead in GONE.items():
+        command, option = words.rsplit(" ", 1) if "--" in words else ("", "")
+        if option:
+            check_refused(capsys, f"{command} scene.ply -o a {option} 1", re.escape(instead))
+            key = option.removeprefix("--").replace("-", "_")
+            assert option in options if command == "render" else key in KEYS
+
+
+def all_options(name: str) -> list[str]:
+    """Names of a command's options."""
+    return [each for p in typer.main.get_command(app).commands[name].params for each in p.opts]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +125,7 @@ def test_without_torch(unchanged, monkeypatch, capsys, arguments):
     check_refused(capsys, arguments, message)
 
 
-PLAIN = "photographs info pack render compare error verilog synth memories cycles"
+PLAIN = "simulate photographs info pack render compare error verilog synth memories cycles"
 HELP = dict.fromkeys(["", *PLAIN.split()], ()) | {
     "scene": list(GENERATORS)[:3], "bench": ["sort"], "bench sort": ["--lengths"],
     "soak": ["frames", "faults"], "soak frames": ["--only"],

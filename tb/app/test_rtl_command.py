@@ -1,4 +1,4 @@
-"""`splatcore render --engine rtl` and `bench scenes` on TINY, against the golden model."""
+"""`splatcore simulate` and `bench scenes` on TINY, against the golden model."""
 
 import json
 from dataclasses import replace
@@ -20,7 +20,7 @@ from splatcore.spec.config import TINY
 from splatcore.study.bench import scenes as bench_scenes
 from tb.helpers.command import KEYS, check_documented, load, run
 
-RTL = ("--engine", "rtl", "--preset", "tiny", "--size", "64x48")
+TINY_VIEW = ("--preset", "tiny", "--size", "64x48")
 
 MORE_KEYS = ["timing", "halves", "frames"]
 
@@ -48,7 +48,7 @@ def test_render(tmp_path, capsys):
     """Three frames in RTL: pictures, cycles and JSON, each frame against the golden model."""
     picture, map_, file = (tmp_path / name for name in ("a.png", "e.png", "a.json"))
     options = "--frames", "3", "--timing", "ideal", "--error-map", map_, "--json", file
-    assert run("render", "needles", *RTL, *options, "-o", picture) == 0
+    assert run("simulate", "needles", *TINY_VIEW, *options, "-o", picture) == 0
     result = load(file)
     assert list(result) == KEYS + MORE_KEYS and result["timing"] == "ideal"
     assert result["identical"] and result["psnr_db_machine"] > 45 and len(result["frames"]) == 3
@@ -59,16 +59,16 @@ def test_render(tmp_path, capsys):
     assert result["traffic_bytes"]["write_pixels"] >= 64 * 48 * 3
     pictures = [read_png(tmp_path / f"a-00{k}.png") for k in range(3)]
     assert (pictures[0] != pictures[1]).any() and (pictures[1] != pictures[2]).any()
-    assert run("render", "needles", "--engine", "golden", *RTL[2:], "-o", picture) == 0
+    assert run("render", "needles", "--engine", "golden", *TINY_VIEW, "-o", picture) == 0
     np.testing.assert_array_equal(read_png(picture), pictures[0])
     assert read_png(map_).std() > 0
     assert capsys.readouterr().out.count("identical to the golden model") == 3
-    check_documented("### `--engine rtl`", (*MORE_KEYS, *result["frames"][0]))
+    check_documented("### `splatcore simulate`", (*MORE_KEYS, *result["frames"][0]))
 
 
 @pytest.mark.slow
 def test_compare(capsys):
-    assert run("compare", "golden", "rtl", "--scene", "needles", *RTL[2:]) == 0
+    assert run("compare", "golden", "rtl", "--scene", "needles", *TINY_VIEW) == 0
     assert "identical" in capsys.readouterr().out
 
 
@@ -136,7 +136,7 @@ def test_orbit():
 @pytest.mark.slow
 def test_bench_scenes(golden, tmp_path, monkeypatch, capsys):
     """Kept results are reused until the machine changes."""
-    arguments = ("bench", "scenes", "--out", tmp_path, "needles", *RTL[2:])
+    arguments = ("bench", "scenes", "--out", tmp_path, "needles", *TINY_VIEW)
     assert run(*arguments) == 0
     files = sorted(tmp_path.glob("*.json"))
     assert [file.name for file in files] == [

@@ -8,6 +8,7 @@ import pytest
 
 from splatcore.golden.reference import render
 from splatcore.sim.common.notes import printing
+from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import Source
 from splatcore.sim.frame.unseen import before_near, near_note, note_empty
 from splatcore.spec.camera import Camera
@@ -49,8 +50,8 @@ def test_gaussians_in_front_of_the_near_plane_are_counted():
 
 def test_an_empty_picture_names_near_plane_camera_and_extent(capsys):
     with printing():
-        note_empty(source(), camera(), {"visible": 1})
-        note_empty(source([1, 2]), camera(near=3.0), {"splats": 0})
+        note_empty(Shot(source(), camera()), {"visible": 1})
+        note_empty(Shot(source([1, 2]), camera(near=3.0)), {"splats": 0})
     found = capsys.readouterr().err
     assert found.startswith("x.ply: no Gaussian is visible from camera 7 at (0, 0, 0) with near")
     assert "plane 3; 98 % of the scene's Gaussians are between (0, 0, 0.118) and (8.8" in found

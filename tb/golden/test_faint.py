@@ -32,8 +32,8 @@ def test_error_of_the_rule(name):
     own, faint = (render_reference(gaussians, case.camera, rule) for rule in (SPLATCORE, RULE))
     error = np.abs(own.image - faint.image)
     splats, _ = project(gaussians, case.camera)
-    assert error.max(initial=0) <= RULE.dark * splats.colour.max(initial=0)
-    assert (error[own.transmittance >= RULE.dark] == 0).all()
+    assert error.max(initial=0) <= RULE.faint.dark * splats.colour.max(initial=0)
+    assert (error[own.transmittance >= RULE.faint.dark] == 0).all()
     assert faint.counts["contributions"] <= own.counts["contributions"]
 
 
@@ -44,7 +44,7 @@ def test_cases_are_hard(name):
     model, _ = pack(case.scene, DEFAULT)
     pictures = [render(config, model, case.camera) for config in (DEFAULT, OFF)]
     error = np.abs(np.subtract(*(p.pixels.astype(int) for p in pictures))).max()
-    assert 2 <= error <= 255 * RULE.dark + 1
+    assert 2 <= error <= 255 * RULE.faint.dark + 1
     faint, own = (p.raster.counts for p in pictures)
     assert faint["contributions"] < 0.7 * own["contributions"]
 
@@ -67,7 +67,7 @@ def test_alternating_layers():
     z = (case.scene.position @ case.camera.rotation.T + case.camera.translation)[:, 2]
     alpha, left = case.scene.opacity[2:], np.prod(1 - case.scene.opacity[:2])
     black, white = alpha[::2], alpha[1::2]
-    before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]]) / RULE.taken
+    before = left * np.concatenate([[1], np.cumprod(1 - white)[:-1]]) / RULE.faint.taken
     assert (np.diff(z) > 0).all() and left < 1 / 32 and len(white) == len(black) == 46
     assert (before * black > 0.9).all() and (before * black < 1).all()
     assert (before * white > 1).all() and (before * white < 1.1).all()

@@ -189,7 +189,7 @@ def test_the_factor_is_within_a_two_hundredth(kind):
     z = format.round(np.exp2(rng.uniform(-2, 8, count)))
     m = format.round(shapes(rng, kind, count) * z[:, None, None])
     inputs = {f"m{axis}{k}": m[:, row, k] for row, axis in enumerate("xy") for k in range(3)}
-    squares = {f"{axis * 2}2": (m[:, row] ** 2).sum(1) for row, axis in enumerate("xy")}
+    squares = {f"sum_{axis * 2}": (m[:, row] ** 2).sum(1) for row, axis in enumerate("xy")}
     inputs |= {name: format.round(value) for name, value in squares.items()}
     inputs |= {"z": z, "blur": format.round(0.3), "antialiased": 1.0, "stored_attenuation": 0.0}
     lines = Program("opacity", parse(COMPENSATION), ("attenuation",))

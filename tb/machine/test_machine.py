@@ -146,7 +146,7 @@ def test_waves_of_a_window(tmp_path):
     """Only the window is recorded, and the viewer file shows only recorded signals."""
     preset, vcd = tmp_path / "other.toml", tmp_path / "w.vcd"
     write_preset(preset, OTHER, TINY)
-    assert command("render", "needles", "--engine", "rtl", "--preset", preset, "--size", "16x16",
+    assert command("simulate", "needles", "--preset", preset, "--size", "16x16",
                    "-o", tmp_path / "w.png", "--waves", vcd,
                    "--window", f"{FIRST}:{LAST}") == 0  # fmt: skip
     times = [int(line[1:]) for line in vcd.read_text().splitlines() if line.startswith("#")]

@@ -3,10 +3,11 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from splatcore.app.cli.render_rtl import Request, planned
+from splatcore.app.cli.simulate import Request, planned
 from splatcore.golden.pipeline import render
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine import wave_kind, waves
@@ -136,15 +137,15 @@ def test_too_large(jobs, monkeypatch, tmp_path, capsys):
     """Waveforms estimated above --waves-max are refused, in one line, before simulation."""
     names = [Signal("TOP.top.queue", f"n{k}", 32, str(k)) for k in range(100)]
     monkeypatch.setattr(waves, "names_of", lambda machine: names)
-    frame = render(TINY, *jobs[0])
-    asked = Request(waves=tmp_path / "w.vcd", scope="queue", waves_max=0.5)
+    frame, machine = render(TINY, *jobs[0]), SimpleNamespace(config=TINY)
+    asked = Request(tmp_path / "out.png", waves=tmp_path / "w.vcd", scope="queue", waves_max=0.5)
     few, many = (Window((0, last)) for last in (99, 999))
-    plan = planned(TINY, None, few, asked, frame)
+    plan = planned(machine, few, asked, frame)
     assert plan == Recording(asked.waves, few, "TOP.top.queue", 99)
     assert "w.vcd: about 0.09 MB, 100 signals in 100 cycles" in capsys.readouterr().out
     with pytest.raises(InputError, match=r"w\.vcd: about 0\.80 MB, .* above --waves-max 0\.5; u"):
-        planned(TINY, None, many, asked, frame)
-    plan = planned(TINY, None, few, replace(asked, scope=None), frame)
+        planned(machine, many, asked, frame)
+    plan = planned(machine, few, replace(asked, scope=None), frame)
     assert (plan.scope, plan.levels) == ("TOP", 4)
 
 

@@ -1,5 +1,6 @@
 """Campaigns: results are kept, failures named, other tasks survive; sweep, ablation."""
 
+import pickle
 import signal
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,10 +16,9 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.common.pool import how_ended
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.cycles.frame import frame_cycles
-from splatcore.sim.frame import engines
-from splatcore.sim.frame.choose import packed_model
-from splatcore.sim.frame.engines import truths
-from splatcore.sim.frame.source import Source, View
+from splatcore.sim.frame.choose import packed
+from splatcore.sim.frame.shot import Shot, View
+from splatcore.sim.frame.source import Source
 from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.convention import SPLATCORE
@@ -218,27 +218,38 @@ def test_a_row_is_kept_until_packing_changes(monkeypatch, tmp_path):
     monkeypatch.setattr(scenes, "expect", lambda config, view: None)
     done = []
     monkeypatch.setattr(scenes, "measure", lambda *_: done.append(1) or {"identical": True})
-    assert code_key(packed_model) == scenes.code_key(packed_model)
-    for packs, times in ((code_key(packed_model), 1), (code_key(packed_model), 1), ("other", 2)):
-        monkeypatch.setattr(scenes, "code_key", {packed_model: packs}.__getitem__)
+    assert code_key(packed) == scenes.code_key(packed)
+    for packs, times in ((code_key(packed), 1), (code_key(packed), 1), ("other", 2)):
+        monkeypatch.setattr(scenes, "code_key", {packed: packs}.__getitem__)
         scenes.Simulator(DEFAULT).row(GARDEN, LPDDR4, tmp_path / "row.json")
         assert len(done) == times
 
 
 def test_pictures_of_packing_are_reused(monkeypatch):
-    """Reference pictures from packing are reused; another view or background renders its own."""
-    source, camera = View("garden", "", "64x48").open()
-    model = packed_model(source, DEFAULT, camera, "faithful")
-    blue = replace(SPLATCORE, background=(0, 0, 1))
-    again = truths(source, model, camera, blue)
+    """The pictures by which a packing was chosen are used again in their view, and only there."""
+    shot = View("garden", "", "64x48").open()
+    model, source = shot.model, shot.source
     with monkeypatch.context() as patch:
-        patch.delattr(engines, "reference")
-        found = truths(source, model, camera)
-        assert list(found) == ["machine", "scene"]
-        for name, gaussians in (("machine", model.gaussians()), ("scene", source.gaussians)):
-            assert np.array_equal(found[name], render_reference(gaussians, camera).pixels)
-    assert (again["scene"][..., 2] > found["scene"][..., 2]).any()
-    other = truths(source, model, replace(camera, cx=camera.cx + 5))
-    assert not np.array_equal(other["scene"], found["scene"])
-    alone = truths(Source("m", model=model), model, camera)
+        patch.delattr("splatcore.golden.reference.render")
+        found = shot.truths
+    assert list(found) == ["machine", "scene"]
+    for name, gaussians in (("machine", model.gaussians()), ("scene", source.gaussians)):
+        assert np.array_equal(found[name], render_reference(gaussians, shot.camera).pixels)
+    again = replace(shot, convention=replace(SPLATCORE, background=(0, 0, 1)))
+    assert (again.truth[..., 2] > found["scene"][..., 2]).any()
+    moved = replace(shot.camera, cx=shot.camera.cx + 5)
+    other = replace(shot, camera=moved, quality=shot.packed.quality)
+    assert not np.array_equal(other.truth, found["scene"]) and other.model is model
+    alone = Shot(Source("m", model=model), shot.camera).truths
     assert list(alone) == ["machine"] and np.array_equal(alone["machine"], found["machine"])
+
+
+def test_another_process_opens_the_scene_by_name():
+    """A pickled frame has the scene's name; frames of one scene share it and its packing."""
+    shot = View("garden", "", "64x48", quality="compact").open(TINY)
+    data = pickle.dumps(shot)
+    assert len(data) < 5000
+    one, other = pickle.loads(data), pickle.loads(data)
+    assert one.source is other.source is not shot.source and one.model is other.model
+    assert (one.config, one.quality, one.size) == (TINY, "compact", (64, 48))
+    assert np.array_equal(one.reference, shot.reference)

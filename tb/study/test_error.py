@@ -11,7 +11,8 @@ from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.pack.pack import pack
 from splatcore.sim.frame.picture import read_png
-from splatcore.sim.frame.source import View, camera_beside
+from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.source import camera_beside
 from splatcore.spec.camera import look_at
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.error import InputError

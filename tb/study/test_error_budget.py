@@ -12,7 +12,7 @@ from splatcore.golden.raster import rasterize
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.frame import choose
 from splatcore.sim.frame.picture import read_png
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import Faint
 from splatcore.study.accuracy import budget as budgets
@@ -39,8 +39,8 @@ def good() -> dict:
 @pytest.fixture(scope="module")
 def exact() -> Reference:
     """The reference on the packed garden."""
-    source, camera = VIEW.open()
-    return Reference(choose.packed(source, DEFAULT, camera, "faithful").model, camera)
+    shot = VIEW.open()
+    return Reference(shot.model, shot.camera)
 
 
 def square(db: float) -> float:
@@ -207,7 +207,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert read_png("b.png").std() > 5
     text = (ROOT / "docs" / "json.md").read_text().partition("--stage all")[2]
     assert all(f"`{key}`" in text.partition("\n## ")[0] for key in (*row, *row["parts"][0]))
-    write_ply("s.ply", View("garden").open()[0].scene[:50])
+    write_ply("s.ply", View("garden").open().source.scene[:50])
     assert run("pack", "s.ply", "-o", "s.splatcore") == 0
     for words, message in {
         "error s.splatcore --stage all": "s.splatcore: is a packed model already",

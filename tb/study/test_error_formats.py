@@ -9,7 +9,7 @@ import pytest
 from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats
 from splatcore.sim.frame.picture import read_png
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT
 from splatcore.study.accuracy import raster as error_raster
 from splatcore.study.accuracy.raster import raster_errors, raster_table, write_raster_plot

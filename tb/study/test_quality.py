@@ -17,6 +17,7 @@ from splatcore.model.pack.stored import stored_scene
 from splatcore.sim.frame import choose
 from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
 from splatcore.sim.frame.metric import psnr
+from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import Source
 from splatcore.spec.colour import COARSE, FINE
 from splatcore.spec.config import DEFAULT, PAPER
@@ -88,11 +89,12 @@ def test_chunk_by_chunk(scene):
 
 def test_a_source_is_packed_once(scene):
     source = Source("a garden", scene=scene)
-    first = choose.packed(source, DEFAULT, CAMERA)
-    assert choose.packed(source, replace(DEFAULT, pes=3), CAMERA) is first
-    assert choose.packed(source, DEFAULT, CAMERA, "compact") is not first
-    assert choose.packing(source)["quality"] == "compact"
-    assert "packed as compact: 21.79 bytes per Gaussian" in choose.packing_line(source)
+    first, compact = Shot(source, CAMERA), Shot(source, CAMERA, quality="compact")
+    assert Shot(source, CAMERA, replace(DEFAULT, pes=3)).packed is first.packed
+    assert Shot(source, CAMERA, quality=first.packed.quality).packed is first.packed
+    assert compact.packed is not first.packed
+    assert compact.packing["quality"] == "compact"
+    assert "packed as compact: 21.79 bytes per Gaussian" in compact.packing_line
 
 
 def test_budget(scene):

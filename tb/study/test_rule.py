@@ -8,9 +8,8 @@ import pytest
 from splatcore.golden.pipeline import render
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.cycles.raster import raster_cycles
-from splatcore.sim.frame.choose import packed_model
 from splatcore.sim.frame.metric import difference
-from splatcore.sim.frame.source import View
+from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT
 from splatcore.study.bench import rule
 from tb.helpers.command import check_documented, load, run
@@ -29,8 +28,8 @@ def test_rules_are_valid_and_once():
 def test_a_row_is_the_whole_machine_s(view):
     rows = rule.measure(view, DEFAULT, RULES)["rows"]
     assert [row["rule"] for row in rows] == ["3DGS", "5, 11, 9", "4, 9, 7"]
-    source, camera = view.open()
-    model = packed_model(source, DEFAULT, camera, "compact")
+    shot = view.open()
+    model, camera = shot.model, shot.camera
     truth = render_reference(model.gaussians(), camera).pixels
     for row, faint in zip(rows, RULES, strict=True):
         config = replace(DEFAULT, faint=faint)

@@ -1,4 +1,4 @@
-"""`splatcore render --engine rtl`: frames of the simulated hardware, and their errors."""
+"""The command `simulate`: frames of the machine simulated in RTL, and their errors."""
 
 import time
 from dataclasses import asdict, dataclass, replace
@@ -7,33 +7,26 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from splatcore.app.cli import describe
+from splatcore.app.cli import describe, options
 from splatcore.app.cli.options import RTL, option
-from splatcore.sim.common.output import (
-    check_distinct,
-    check_writable,
-    console,
-    progress_bar,
-    write_json,
-)
-from splatcore.sim.frame.metric import Difference, Result, against, differences, metrics_line
+from splatcore.sim.common.output import check_distinct, check_writable, console, write_json
+from splatcore.sim.frame.metric import Difference, Result, against, metrics_line
 from splatcore.sim.frame.picture import write_error_map, write_png
-from splatcore.sim.frame.source import Source, check_fits
+from splatcore.sim.frame.shot import Shot, judge
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.sim.machine.script import find_timing
-from splatcore.spec.camera import Camera
-from splatcore.spec.colour import background_codes
-from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
 
 if TYPE_CHECKING:
     from splatcore.golden import pipeline
-    from splatcore.sim.machine.machine import Job, Machine, Run
+    from splatcore.sim.machine.machine import Machine, Run
     from splatcore.sim.machine.waves import Recording, Window
 
 WAVES_MAX = 1000.0  # MB, default of --waves-max
 
+OutputOption = option(Path, "OUT.png", "Picture to write.", "-o", panel=options.OUTPUT)
 FramesOption = option(
     int, "N", "Number of frames, on a small orbit; pictures are numbered.", panel=RTL
 )
@@ -62,6 +55,7 @@ WavesMaxOption = option(float, "MB", "Maximum estimated size of --waves.", panel
 class Request:
     """The options of RTL simulation, as on the command line."""
 
+    output: Path
     frames: int = 1
     timing: str = "lpddr4"
     error_map: Path | None = None
@@ -71,13 +65,8 @@ class Request:
     scope: str | None = None
     waves_max: float = WAVES_MAX
 
-    def check(self, engine: str, output: Path):
+    def check(self):
         """Raise InputError for options that do not go together, or an unwritable output."""
-        if engine != "rtl":
-            for name, value in asdict(self).items():
-                if value != getattr(Request(), name):
-                    raise InputError(f"--{name.replace('_', '-')}: goes with --engine rtl")
-            return
         find_timing(self.timing)
         if self.frames < 1:
             raise InputError(f"--frames {self.frames}: must be 1 or more")
@@ -89,94 +78,110 @@ class Request:
             from splatcore.sim.machine.wave_kind import check_kind
 
             check_kind(self.waves)
-        written = [("-o", numbered(output, k, self.frames)) for k in range(self.frames)]
+        written = [("-o", self.picture(k)) for k in range(self.frames)]
         check_distinct([*written, *[("--error-map", self.error_map)] * bool(self.error_map)])
         for _, path in written:
             check_writable(path)
 
+    def picture(self, k: int) -> Path:
+        """Return the path of frame k: OUT.png for a single one, else OUT-000.png etc."""
+        path = self.output
+        return path if self.frames == 1 else path.with_name(f"{path.stem}-{k:03}{path.suffix}")
 
-def render_rtl(
-    source: Source,
-    view: Camera,
-    camera: str | None,
-    config: Config,
-    background: tuple[float, float, float],
-    request: Request,
-    output: Path,
-    json: Path | None,
+
+@options.app.command("simulate")
+def simulate_command(
+    scene: options.SourceArgument,
+    view: options.Viewing,
+    output: OutputOption,
+    preset: options.PresetOption = "DEFAULT",
+    background: options.BackgroundOption = "0,0,0",
+    frames: FramesOption = 1,
+    timing: TimingOption = "lpddr4",
+    error_map: ErrorMapOption = None,
+    waves: WavesOption = None,
+    window: WindowOption = None,
+    tile: TileOption = None,
+    scope: ScopeOption = None,
+    waves_max: WavesMaxOption = WAVES_MAX,
+    json: options.JsonOption = None,
 ):
+    """Simulate the hardware in RTL: pictures, cycles, waveforms.
+
+    Every frame is compared with the golden model's, to the bit, and with the reference's of the
+    same packed model ("machine") and of the original scene ("scene"). Exit status 1 if a pixel
+    differs from the golden model's.
+    """
+    request = Request(output, frames, timing, error_map, waves, window, tile, scope, waves_max)
+    convention = replace(SPLATCORE, background=options.parse_colour(background))
+    run(scene, view, request, json, config=find_preset(preset), convention=convention)
+
+
+def run(scene: str, view: options.Viewing, request: Request, json: Path | None, **machine):
     """Simulate frames in RTL, write and compare them; exit with status 1 if one is wrong.
 
-    Every frame is compared with the golden model's, and with the float64 reference on the same
-    packed model and on the original scene.
+    machine: `config` and `convention`
     """
+    request.check()
+    shot = view.open(scene, **machine)
     from splatcore.sim.frame import engines
-    from splatcore.sim.frame.choose import packed_model, packing, packing_line
-    from splatcore.sim.machine.machine import Job
     from splatcore.sim.machine.path import orbit
 
     begin = time.perf_counter()
-    check_fits(config, view.width, view.height)
-    with progress_bar("packing"):
-        model = packed_model(source, config, view)
-    views = orbit(view, model.position, request.frames)
-    codes = background_codes(config, background)
-    jobs = [Job(model, view, codes) for view in views]
-    expected = [engines.golden(config, job) for job in jobs]
-    for each, frame in zip(views, expected, strict=True):
-        note_empty(source, each, frame.counts)
-    run = simulated(config, jobs, request, expected[0], f"simulating {source.name}")
-    for k, frame in enumerate(run.frames):
+    shot.check_fits()
+    shots = [
+        replace(shot, camera=camera, quality=shot.packed and shot.packed.quality)
+        for camera in orbit(shot.camera, shot.model.position, request.frames)
+    ]
+    expected = [engines.golden(each) for each in shots]
+    for each, frame in zip(shots, expected, strict=True):
+        note_empty(each, frame.counts)
+    done = simulated(shots, request, expected[0])
+    for k, frame in enumerate(done.frames):
         if frame.pixels is not None:
-            write_png(numbered(output, k, request.frames), frame.pixels)
-    if not run.done:
-        console.print(f"the machine failed: {run.why}", soft_wrap=True)
+            write_png(request.picture(k), frame.pixels)
+    if not done.done:
+        console.print(f"the machine failed: {done.why}", soft_wrap=True)
         raise typer.Exit(1)
-    convention = replace(SPLATCORE, background=background)
-    metrics = []
-    for k, (frame, view) in enumerate(zip(run.frames, views, strict=True)):
-        exact = engines.truths(source, model, view, convention)
-        metrics.append(differences(frame.pixels, exact))
-        if k == 0 and request.error_map:
-            title = f"{source.name}: hardware against the reference on the same packed model"
-            write_error_map(request.error_map, frame.pixels, exact["machine"], title)
-    if source.packed:
-        console.print(packing_line(source), soft_wrap=True)
-    console.print(describe.antialiased_line(source), soft_wrap=True)
-    same = report(config, run, expected, metrics, output)
-    seconds = round(time.perf_counter() - begin, 3)
+    metrics = [judge(*pair) for pair in zip(done.frames, shots, strict=True)]
+    if request.error_map:
+        title = f"{shot.source.name}: hardware against the reference on the same packed model"
+        write_error_map(request.error_map, done.frames[0].pixels, shots[0].reference, title)
+    if shot.packed:
+        console.print(shots[0].packing_line, soft_wrap=True)
+    console.print(describe.antialiased_line(shot.source), soft_wrap=True)
+    same = report(shot, done, expected, metrics, request)
     result = Result(
-        "rtl", config.name, source.name, camera or view.name, (view.width, view.height), seconds,
-        expected[0].counts, packing=packing(source), identical=all(same), **source.stated,
-        **against(metrics[0]),
+        "rtl", shot.config.name, shot.source.name, view.camera or shot.camera.name, shot.size,
+        round(time.perf_counter() - begin, 3), expected[0].counts, packing=shots[0].packing,
+        identical=all(same), **shot.source.stated, **against(metrics[0]),
     )  # fmt: skip
-    write_json(json, facts(run, result, metrics, same, find_timing(request.timing).name))
+    write_json(json, facts(done, result, metrics, same, find_timing(request.timing).name))
     if not result.identical:
         raise typer.Exit(1)
 
 
-def simulated(
-    config: Config, jobs: "list[Job]", request: Request, first: "pipeline.Frame", label: str
-) -> "Run":
-    """Simulate the jobs, with waveforms if requested.
+def simulated(shots: list[Shot], request: Request, first: "pipeline.Frame") -> "Run":
+    """Simulate the frames, with waveforms if requested.
 
-    first: the golden model's frame of the first job
+    first: the golden model's frame of the first one
     """
     from splatcore.sim.machine.path import build, simulate
     from splatcore.sim.machine.wave_kind import check_kind
     from splatcore.sim.machine.waves import Window, write_waves
 
-    timing = find_timing(request.timing)
+    config, jobs = shots[0].config, [shot.job for shot in shots]
+    timing, label = find_timing(request.timing), f"simulating {shots[0].source.name}"
     if not request.waves:
         return simulate(build(config), jobs, timing, label)
     window = Window.of(config, request.window, request.tile, first)
     machine = build(config, check_kind(request.waves))
-    recording = planned(config, machine, window, request, first)
+    recording = planned(machine, window, request, first)
     return write_waves(machine, jobs, timing, recording, label)
 
 
 def planned(
-    config: Config, machine: "Machine", window: "Window", request: Request, first: "pipeline.Frame"
+    machine: "Machine", window: "Window", request: Request, first: "pipeline.Frame"
 ) -> "Recording":
     """Plan the recording and print its estimated size; raise InputError if it is too large."""
     from splatcore.sim.cycles.frame import frame_cycles
@@ -185,7 +190,8 @@ def planned(
     from splatcore.sim.machine.wave_size import estimate
     from splatcore.sim.machine.waves import Recording, names_of
 
-    found, names = frame_cycles(config, first, find_timing(request.timing)), names_of(machine)
+    timing, names = find_timing(request.timing), names_of(machine)
+    found = frame_cycles(machine.config, first, timing)
     recording = Recording(request.waves, window)
     if request.scope:
         recording = replace(recording, scope=find_scope(names, request.scope), levels=DEEPEST)
@@ -205,11 +211,11 @@ def planned(
 
 
 def report(
-    config: Config,
+    shot: Shot,
     run: "Run",
     expected: "list[pipeline.Frame]",
     metrics: list[dict[str, Difference]],
-    output: Path,
+    request: Request,
 ) -> list[bool]:
     """Print each frame's errors, the cycles and counters.
 
@@ -218,12 +224,12 @@ def report(
     from splatcore.sim.frame import engines
     from splatcore.sim.machine.diagnosis import diagnose
 
-    same, count = [], len(run.frames)
+    same = []
     for k, (frame, metric) in enumerate(zip(expected, metrics, strict=True)):
-        found = diagnose(config, run, k, frame)
+        found = diagnose(shot.config, run, k, frame)
         same.append(found is None)
         console.print(
-            f"{numbered(output, k, count)}: "
+            f"{request.picture(k)}: "
             f"{'identical to the golden model' if found is None else found}; "
             f"against the reference: {metrics_line(metric)}",
             soft_wrap=True,
@@ -252,8 +258,3 @@ def facts(
     ]  # fmt: skip
     halves = {"preprocessing": found["preprocessing"], "rendering": found["rendering"]}
     return asdict(result) | {"timing": timing, "halves": halves, "frames": frames}
-
-
-def numbered(path: Path, k: int, count: int) -> Path:
-    """Return the path of frame k of `count`: OUT.png for a single one, else OUT-000.png etc."""
-    return path if count == 1 else path.with_name(f"{path.stem}-{k:03}{path.suffix}")
