@@ -4,7 +4,8 @@ the small cell library, for `tb/eda` and `tb/study`."""
 import pytest
 
 LONGEST = (
-    "stages/test_stages", "test_demo", "test_walks", "app/test_example_command", "eda/test_verilog",
+    "stages/test_stages", "hdl/test_proofs", "test_demo", "test_walks", "app/test_example_command",
+    "eda/test_verilog", "hdl/test_deal", "app/test_board_command",
     "eda/test_delivery", "machine/test_machine", "machine/test_wide_addresses", "hdl/test_sort",
     "machine/test_machine_driver", "hdl/test_raster", "hdl/test_points",
     "planted/test_mutate", "hdl/test_colour",
@@ -12,7 +13,7 @@ LONGEST = (
     "study/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
     "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",
     "hdl/test_axi", "hdl/test_scale", "model/test_surround", "golden/test_pipeline",
-    "eda/test_silicon", "hdl/test_formal_cascade", "hdl/test_formal_list_writer",
+    "eda/test_silicon", "eda/test_fpga", "hdl/test_pixels",
 )  # fmt: skip
 """Test files that take 20 seconds or more, the slowest first."""
 
