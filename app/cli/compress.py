@@ -98,10 +98,10 @@ def compress_command(
     plain: options.PlainOption = False,
     json: options.JsonOption = None,
 ):
-    run.check_installed()
     wanted = {"target_ratio": target_ratio, "target_bytes": target_bytes}
     wanted |= {"target_psnr": target_psnr, "target_fps": target_fps, "max_drop": max_drop}
     file, (recipe, pictures) = recipe, read_recipe(recipe, wanted)
+    run.check_installed()
     if max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
     config, pixels, seed = find_preset(preset), parse_size(size), recipe.seed

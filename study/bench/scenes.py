@@ -47,7 +47,7 @@ MORE_CAMERAS = {"kitchen.spz": ("kitchen_inside_0", "kitchen_inside_150")}
 
 MEGABYTE = 1e6
 
-FRAMES = (
+SHOWN = (
     "cycles.preprocessing cycles.rendering cycles.frame cycles.fps_at_800mhz identical "
     "psnr_db_scene psnr_db_machine ssim_machine max_error_machine"
 )
@@ -205,7 +205,7 @@ def tables(rows: list[dict]) -> Iterator[Table]:
         "frames",
         "Frames in RTL; the picture against the float64 reference on the scene as trained (scene) "
         "and on the same packed model (machine):",
-        [*columns_of(FRAMES), TRAFFIC], rows,
+        [*columns_of(SHOWN), TRAFFIC], rows,
     )  # fmt: skip
     for key, caption, keys in (
         ("model_cycles", "Cycles by the cycle model:", CYCLES),

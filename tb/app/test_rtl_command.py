@@ -80,7 +80,7 @@ def test_the_stage_that_differs(rendered, golden):
     pixels = frame.raster.pixels.copy()
     pixels[20, 33, 1] ^= 4
     pixels[40, 3] ^= 1
-    wrong = replace(frame, raster=replace(frame.raster, pixels=pixels))
+    wrong = replace(frame, raster=frame.raster._replace(pixels=pixels))
     found = diagnose(TINY, rendered, 2, wrong)
     assert found.pixel == (33, 20) and found.tile == (2, 1) and found.pixels == 2
     assert found.stage.startswith("sorting or rasterizing")
