@@ -63,7 +63,7 @@ commands: install
 test: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) -m "not verify and not testbenches"
+	$(PYTEST) -m "not verify and not testbenches" $(if $(RECORD),--record-seconds)
 
 test-compress: .venv/compress
 	$(PYTEST) -m compress

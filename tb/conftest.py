@@ -1,27 +1,44 @@
 """Order of the test files: the slowest first, so that all processes finish together; the file of
 the small cell library, for `tb/eda` and `tb/study`."""
 
+import json
+from collections import defaultdict
+from pathlib import Path
+
 import pytest
 
-LONGEST = (
-    "stages/test_stages", "hdl/test_proofs", "test_demo", "test_walks", "app/test_example_command",
-    "eda/test_verilog", "hdl/test_deal", "app/test_board_command",
-    "eda/test_delivery", "machine/test_machine", "machine/test_wide_addresses", "hdl/test_sort",
-    "machine/test_machine_driver", "hdl/test_raster", "hdl/test_points",
-    "planted/test_mutate", "hdl/test_colour",
-    "study/test_fit", "machine/test_machine_default", "app/test_command", "hdl/test_bin",
-    "study/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
-    "sim/test_cycles", "hdl/test_float", "hdl/test_unary", "hdl/test_codebook",
-    "hdl/test_axi", "hdl/test_scale", "model/test_surround", "golden/test_pipeline",
-    "eda/test_silicon", "eda/test_fpga", "hdl/test_pixels",
-)  # fmt: skip
-"""Test files that take 20 seconds or more, the slowest first."""
+SECONDS = Path(__file__).parent / "seconds.json"
+"""Seconds per test file, of a whole `make test`."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("record_seconds") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Recorder())
+
+
+class Recorder:
+    """Adds up the seconds of each test file, and writes them at the end."""
+
+    def __init__(self):
+        self.seconds = defaultdict(float)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[report.nodeid.split("::")[0]] += report.duration
+
+    def pytest_sessionfinish(self) -> None:
+        slow = {file: round(spent) for file, spent in self.seconds.items() if spent >= 1}
+        ordered = dict(sorted(slow.items(), key=lambda item: -item[1]))
+        SECONDS.write_text(json.dumps(ordered, indent=1) + "\n")
 
 
 def pytest_collection_modifyitems(items: list) -> None:
-    """Move the tests of these files to the front; xdist needs `--no-loadscope-reorder` for it."""
-    order = {f"tb/{name}.py": place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(item.nodeid.split("::")[0], len(order)))
+    """Put tests of slow files first; xdist needs `--no-loadscope-reorder` for it."""
+    seconds = json.loads(SECONDS.read_text())
+    items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], 0))
 
 
 @pytest.fixture(scope="session")

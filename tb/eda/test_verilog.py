@@ -40,7 +40,7 @@ def netlist():
 SIZES = {n: getattr(TINY, n) for n in config.SIZES if n != "sh_degree"}  # of TINY
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_stages_are_clean(tmp_path):
     """Each stage's file, as the command writes it, passes lint."""
     assert run("verilog", "--preset", "tiny", "--part", "stages", "-o", tmp_path) == 0
@@ -202,10 +202,10 @@ def test_memory_modules_act_as_amaranth_s(fault):
 
 FLAT = [name for name in STAGES if name not in LARGE]  # stages that are synthesised whole
 
-SLOW = ("points", "project"), (
+SLOW = (
     "points", "project", "setup", "sub_sorter", "merge", "mark", "bin", "prepare", "place"
 )  # fmt: skip
-"""Parts that take minutes for the depth; for the gates, mapped a second time."""
+"""Parts that take long to synthesise."""
 
 
 def marked(slow: tuple[str, ...], *parts: str) -> list:
@@ -214,14 +214,14 @@ def marked(slow: tuple[str, ...], *parts: str) -> list:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(SLOW[0], *FLAT, *DEEP, *CONTROL))
+@pytest.mark.parametrize("name", marked(SLOW, *FLAT, *DEEP, *CONTROL))
 def test_no_path_is_too_deep(name, netlist):
     """No part is deeper than DEPTH_MAX; `points` contains all stages that work on points."""
     assert netlist(name).mapped(SPEED)["depth"] <= DEPTH_MAX
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(SLOW[1], *FLAT, *DEEP))
+@pytest.mark.parametrize("name", marked(SLOW, *FLAT, *DEEP))
 def test_speed_costs_few_gates(name, netlist):
     """Synthesis for speed takes at most 10 % more gates, 15 % in the large parts."""
     found = netlist(name).gates()

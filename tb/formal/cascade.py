@@ -266,7 +266,10 @@ def part(merge: str, **about) -> Part:
 
 
 PROOF = Proof(
-    {merge: part(merge, cover=DEPTH if merge == "2" else None) for merge in MERGES},
+    {
+        merge: part(merge, cover=DEPTH if merge == "2" else None, verify=merge == "4")
+        for merge in MERGES
+    },
     FAULTS,
     {"": part("2", search=DEPTH)},
 )

@@ -138,4 +138,10 @@ FAULTS = planted_in(
     },
 )
 
-PROOF = Proof({f"{n} entries": Part(lambda n=n: Given(small(n)), cover=20) for n in SIZES}, FAULTS)
+PROOF = Proof(
+    {
+        f"{n} entries": Part(lambda n=n: Given(small(n)), cover=20, verify=n > SIZES[0])
+        for n in SIZES
+    },
+    FAULTS,
+)

@@ -116,10 +116,15 @@ def test_stage_equals_golden(kind):
     for seed, stall in enumerate((0, 0.3, 0.7)):
         check_stage("TINY", kind, MIXED, stall=stall, seed=seed)
         check_stage("TINY", kind, [100] * 12, stall=stall, seed=seed)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("kind", KINDS)
+def test_default_stage_equals_golden(kind):
     check_stage("DEFAULT", kind, [20_000, 3, 2049, 5000])
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 @pytest.mark.parametrize("kind", KINDS)
 def test_cycles_of_long_lists(kind):
     """Cycles are within 3 % of the cycle model's."""

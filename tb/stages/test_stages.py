@@ -12,6 +12,9 @@ from tb.stages.table import KINDS, STAGES, Stage
 
 pytestmark = pytest.mark.slow
 
+LARGE = ("top", "preprocess", "render", "points", "project", "raster")
+"""Stages whose parts are in the table, too: they take minutes."""
+
 SIMULATORS = ["verilator", pytest.param("icarus", marks=(needs_icarus, pytest.mark.testbenches))]
 
 
@@ -59,7 +62,9 @@ def test_what_is_wrong_is_found(found, tmp_path):
         run("cascade", replace(stage, cases=lambda: {"full": wrong}), tmp_path, few=True)
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.testbenches] * (n in LARGE)) for n in STAGES]
+)
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_stage(name, simulator, tmp_path):
     run(name, STAGES[name], tmp_path, simulator, few=simulator == "icarus")
