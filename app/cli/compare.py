@@ -3,12 +3,11 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.table import Table
-
 from splatcore.app.cli import describe, options, path
 from splatcore.app.cli.bench import SchedulerOption
 from splatcore.app.cli.options import argument, option
 from splatcore.sim.common.output import console, write_json
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import (
     LEVELS,
     Compared,
@@ -40,8 +39,22 @@ MACHINES = {"golden", "rtl"}
 MEANING = {"machine": "the packed model", "scene": "the original scene"}
 """Gaussians that the reference renders, by the name of a row of golden or rtl."""
 
-COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
+COLUMNS = [*path.ERRORS, Column("SSIM, machine", digits=5, get="ssim_machine")]
 """Columns of a table of cameras."""
+
+
+ERRORS = (
+    Column("image"),
+    Column("against"),
+    Column("PSNR dB", digits=2, get="psnr_db", none="identical"),
+    Column("SSIM", digits=5, get="ssim"),
+    Column(
+        "max error",
+        digits=4,
+        get=lambda row: f"{row['max_error']:.4f} ({round(row['max_error'] * LEVELS)} of {LEVELS})",
+    ),
+)
+"""Columns of a table of images."""
 
 
 @options.app.command("compare")
@@ -124,12 +137,12 @@ def print_errors(first: str, found: list[tuple[Compared, dict[str, Difference]]]
 
     first: the image that the others are compared with
     """
-    headings = "image", "against", "PSNR dB", "SSIM", "max error"
-    table = Table(*headings, title=f"against {first}")
-    for result, rows in found:
-        for name, one in rows.items():
-            table.add_row(result.engine, name, *cells(one))
-    console.print(table)
+    rows = [
+        vars(one) | {"image": result.engine, "against": name}
+        for result, some in found
+        for name, one in some.items()
+    ]
+    Table.of("compare", f"against {first}", ERRORS, rows).print()
     if names := [name for name in MEANING if any(name in rows for _, rows in found)]:
         lines = (f"{name}: reference on {MEANING[name]}" for name in names)
         console.print("; ".join(lines), soft_wrap=True)
@@ -143,15 +156,6 @@ def compared_view(shot: Shot) -> dict:
         images, drawn, shot.config.name, shot.source.name, shot.camera.name, shot
     )
     return vars(result) | {"counts": counts, "packing": shot.packing}
-
-
-def cells(metrics: Difference) -> tuple[str, str, str]:
-    """Return PSNR, SSIM and maximum error as texts of the table."""
-    return (
-        "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
-        "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
-        f"{metrics.max_error:.4f} ({round(metrics.max_error * LEVELS)} of {LEVELS})",
-    )
 
 
 def rendered(images: list[str], shot: Shot) -> tuple[dict, dict]:

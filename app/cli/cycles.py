@@ -1,12 +1,13 @@
 """The command `cycles`: cycles of a frame by stage, from the cycle model."""
 
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 
 from splatcore.app.cli import describe, options, path
 from splatcore.app.cli.bench import SchedulerOption
 from splatcore.sim.common.output import console, write_json
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import Column, Table, shown
 from splatcore.sim.frame.metric import against, decibels
 from splatcore.sim.frame.shot import Shot, judge
 from splatcore.sim.frame.unseen import note_empty
@@ -19,8 +20,9 @@ FPS = f"FPS at {CLOCK_HZ / 1e6:.0f} MHz"
 
 TRUTHS = ("machine", "scene")
 
-COLUMNS = {name: path.cell(name, scale=1000) for name in ("preprocessing", "rendering", "frame")}
-COLUMNS |= {FPS: path.cell("fps", form=".1f")} | path.ERRORS
+HALVES = ("preprocessing", "rendering", "frame")
+COLUMNS = [Column(name, digits=0, per=1000) for name in HALVES]
+COLUMNS += [Column(FPS, digits=1, get="fps"), *path.ERRORS]
 """Columns of a table of cameras."""
 
 SceneArgument = options.argument(
@@ -66,14 +68,19 @@ def cycles_command(
         console.print(f"{name}: {describe.antialiased_line(shot.source)}", soft_wrap=True)
         if shot.packed:
             console.print(f"{name}: {shot.packing_line}", soft_wrap=True)
-    table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
-    for name in takewhile(lambda key: key != "fps", next(iter(facts.values()))):
-        table.add_row(name, *(shown(row[name], ",.0f", 1000) for row in facts.values()))
-    table.add_row(FPS, *(f"{row['fps']:.1f}" for row in facts.values()))
-    for name in TRUTHS:
-        table.add_row(f"dB, {name}", *(decibels(row, name) for row in facts.values()))
-    print_whole(table)
+    table(facts).print()
     write_json(json, {"preset": preset, "scenes": facts})
+
+
+def table(facts: dict[str, dict]) -> Table:
+    """Return a table with one column per scene."""
+    names = takewhile(lambda key: key != "fps", next(iter(facts.values())))
+    rows = {name: lambda row, name=name: shown(row[name], ",.0f", 1000) for name in names}
+    rows |= {FPS: lambda row: f"{row['fps']:.1f}"}
+    rows |= {f"dB, {name}": partial(decibels, name=name) for name in TRUTHS}
+    scenes = [Column(Path(text).name.split(".")[0], digits=1) for text in facts]
+    cells = [[name, *map(show, facts.values())] for name, show in rows.items()]
+    return Table("cycles", "", [Column("cycles / 1000"), *scenes], cells)
 
 
 def measured(shot: Shot) -> dict:

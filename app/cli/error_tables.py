@@ -1,11 +1,10 @@
 """Tables of the command `error`."""
 
+from collections.abc import Iterable
 from operator import attrgetter
 
-from rich.table import Table
-
 from splatcore.sim.common.output import console
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import Column, Table, shown
 from splatcore.spec.config import DEFAULT, Config
 
 LABELS = {
@@ -51,59 +50,66 @@ def print_tables(results: dict[str, dict], largest: dict[str, dict], machines: t
     tables["All together"] = total_table(results, machines, headings)
     for title, table in tables.items():
         console.print(f"\n{title}", soft_wrap=True)
-        print_whole(table)
+        table.print()
+
+
+def with_machines(columns: Iterable[Column], headings: list[str], rows: list[list]) -> Table:
+    """A table with columns, then one column per machine."""
+    machines = (Column(heading, digits=0) for heading in headings)
+    return Table("error", "", [*columns, *machines], rows)
 
 
 def picture_table(
     results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
 ) -> Table:
-    """Return a table of PSNR by scene and machine; with packing if models differ from DEFAULT's."""
+    """Return a table of PSNR by scene; with packing if models differ from DEFAULT's."""
     packing = attrgetter("position", "colour_index", "sh_index")
     other = [config.name for config in machines if packing(config) != packing(DEFAULT)]
     headings = [*headings, *(f"{name} and\npacking" for name in other)]
-    table = new_table("scene", headings)
+    rows = []
     for name, facts in results.items():
         cells = [decibels(result) for result in facts["machines"].values()]
         cells += [decibels(facts["machines"][name], "psnr_db_default_model") for name in other]
-        table.add_row(name, *cells)
-    return table
+        rows.append([name, *cells])
+    return with_machines([Column("scene")], headings, rows)
 
 
 def field_table(
     largest: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
 ) -> Table:
     """Return a table of errors by field and machine."""
-    table = new_table("field", headings)
+    rows = []
     for field in next(iter(largest.values())):
         name = LABELS.get(field, field.replace("_", " "))
         for key, text in (("rms", name), ("max", "  largest")):
             sizes = [largest[config.name][field][key] for config in machines]
-            table.add_row(text, *(shown(size, ".1e") for size in sizes))
-    return table
+            rows.append([text, *(shown(size, ".1e") for size in sizes)])
+    return with_machines([Column("field")], headings, rows)
 
 
 def count_table(
     results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
 ) -> Table:
     """Return a table of visible Gaussians, their axis ratios, and those lost by each machine."""
-    table = new_table("scene", ["visible", "axes", "on screen", *headings])
+    columns = [
+        Column("scene"), Column("visible", digits=0), Column("axes", digits=0, none="∞"),
+        Column("on screen", digits=0),
+    ]  # fmt: skip
+    rows = []
     for name, facts in results.items():
-        ratio = facts["axis_ratio"]
-        cells = [f"{facts['visible']:,}", "∞" if ratio is None else f"{ratio:,.0f}"]
-        cells.append(f"{facts['screen_ratio']:,.0f}")
+        rows.append([name, facts["visible"], facts["axis_ratio"], facts["screen_ratio"]])
         for result in facts["machines"].values():
             lost, broken = result["lost"], result["not_finite"]
-            cells.append(f"{lost}+{broken}" if lost or broken else "–")
-        table.add_row(name, *cells)
-    return table
+            rows[-1].append(f"{lost}+{broken}" if lost or broken else "–")
+    return with_machines(columns, headings, rows)
 
 
 def total_table(
     results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
 ) -> Table:
     """Return a table of counts over all scenes by machine."""
-    table = new_table("Gaussians", headings)
-    for key, name in COUNTS.items():
-        counts = [[facts["machines"][c.name][key] for facts in results.values()] for c in machines]
-        table.add_row(name, *(f"{sum(each):,}" for each in counts))
-    return table
+    rows = [
+        [name, *(sum(f["machines"][c.name][key] for f in results.values()) for c in machines)]
+        for key, name in COUNTS.items()
+    ]
+    return with_machines([Column("Gaussians")], headings, rows)

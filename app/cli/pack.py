@@ -3,8 +3,6 @@
 from dataclasses import replace
 from functools import partial
 
-from rich.table import Table
-
 from splatcore.app.cli import describe, options
 from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.pack.quality import QUALITIES
@@ -15,7 +13,7 @@ from splatcore.sim.common.output import (
     write,
     write_json,
 )
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import open_cameras, open_source
 from splatcore.sim.frame.unseen import note_empty
@@ -94,8 +92,8 @@ def pack_command(
     data = file_bytes(packed.model, plain)
     size = {"file_bytes": len(data)}
     write(output, data)
-    console.print(describe.table({"model": str(output)} | size | facts))
-    console.print(parts_table(parts, losses))
+    describe.table({"model": str(output)} | size | facts).print()
+    parts_table(parts, losses).print()
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
     write_json(json, facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
@@ -113,10 +111,14 @@ def check_wanted(quality: str | None, psnr: float | None):
 
 def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:
     """Return a table of bytes per Gaussian and dB by part."""
-    table = new_table("part", ("bytes per Gaussian", "dB, packing"))
+    columns = (
+        Column("part"),
+        Column("bytes per Gaussian", digits=2),
+        Column("dB, packing", digits=1),
+    )
+    rows = []
     for name in dict.fromkeys((*parts, *losses)):
         db, size = losses.get(name), parts.get(name, 0)
-        shown = "equal" if db is None else f"{db:.1f}"
         label = name if size or db is None else f"{name} (dropped)"
-        table.add_row(label, f"{size:.2f}", shown if name in losses else "")
-    return table
+        rows.append((label, size, ("equal" if db is None else db) if name in losses else ""))
+    return Table("parts", "", columns, rows)

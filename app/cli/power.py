@@ -7,7 +7,6 @@ from splatcore.app.cli.options import option
 from splatcore.eda.cells.liberty import Library
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.table import print_whole
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import PROCESS_NM, Energy
 from splatcore.spec.error import InputError
@@ -79,7 +78,7 @@ def power_command(
     found = estimate(counts, gates, config.energy)
     fps = found.fps_max if fps is None else fps
     frame = f"{Path(source.name).name} {'x'.join(map(str, shot.size))}, preset {config.name}"
-    print_whole(table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second"))
+    table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second").print()
     for text in lines(found, fps):
         console.print(text, soft_wrap=True)
     facts = {

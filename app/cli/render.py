@@ -116,7 +116,7 @@ def render_one(
         title = f"{shot.source.name}, camera {shot.camera.name}"
         write_heat_map(heat_map, frame.tile_list, title)
     about = {"image": str(output), "seconds": result.seconds} | shot.source.stated
-    console.print(describe.table(about | frame.counts))
+    describe.table(about | frame.counts).print()
     result.camera = view.camera or shot.camera.name
     write_json(json, result)
 

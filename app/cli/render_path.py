@@ -11,6 +11,7 @@ from splatcore.app.cli.options import inputs_of, option
 from splatcore.app.cli.video import check_encoder, video
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import check_distinct, check_writable, make_folder
+from splatcore.sim.common.table import Column
 from splatcore.sim.frame.picture import write_png
 from splatcore.sim.frame.shot import Shot
 from splatcore.spec.camera import Camera
@@ -32,13 +33,12 @@ BesideOption = option(
     panel=VIDEO,
 )
 
-COLUMNS = {
-    "seconds": path.cell("seconds", form=".2f"),
-    "visible": path.cell("counts", "visible"),
-    "splats": path.cell("counts", "splats"),
-    "pairs": path.cell("counts", "pairs"),
-    "contributions": path.cell("counts", "contributions"),
-} | path.ERRORS
+COLUMNS = [Column("seconds", digits=2)]
+COLUMNS += [
+    Column(name, digits=0, get=f"counts.{name}")
+    for name in ("visible", "splats", "pairs", "contributions")
+]
+COLUMNS += path.ERRORS
 """Columns of a table of cameras."""
 
 

@@ -110,5 +110,5 @@ def info_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, Reading(**vars(reading)))
         facts = describe.describe(source)
-    console.print(describe.table(facts, notes=True))
+    describe.table(facts, notes=True).print()
     write_json(json, facts)

@@ -238,7 +238,7 @@ def report(
     table["fps_at_800mhz"] = table.pop("cycles, fps_at_800mhz")
     last = run.frames[-1]
     table |= last.counters | {"traffic, MB": sum(last.traffic.values()) / 1e6}
-    console.print(describe.table(table))
+    describe.table(table).print()
     return same
 
 

@@ -1,7 +1,7 @@
 """The commands `fpga` and `memories`: sizes of the machine's parts on an FPGA and on chip."""
 
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import typer
 
@@ -14,10 +14,12 @@ from splatcore.hdl.stages import WHOLE
 from splatcore.hdl.top import Top
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import KB, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
+from splatcore.study.results.fields import columns
+from splatcore.study.results.machines import Memory, Routed
 
 PartOption = option(
     list[str] | None,
@@ -101,18 +103,20 @@ def best(tried: list[fpga.Placed]) -> fpga.Placed:
     return max(tried, key=lambda placed: placed.fmax_mhz)
 
 
+PLACED = "luts flip_flops multipliers block_rams fmax_mhz logic routing"
+"""Keys of columns."""
+
+
 def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed]]):
     """Print one row per part and seed, and the slowest path of the best result of each part."""
-    headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
-    table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device}")
-    for name, tried in found.items():
-        for seed, part in enumerate(tried, 1):
-            counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)
-            times = (part.fmax_mhz, part.logic, part.routing)
-            shown = f"{name}, seed {seed}" if len(tried) > 1 else name
-            table.add_row(shown, *(f"{n:,}" for n in counts), *(f"{value:.1f}" for value in times))
-    if table.rows:
-        print_whole(table)
+    rows = [
+        vars(placed) | {"part": f"{name}, seed {seed}" if len(tried) > 1 else name}
+        for name, tried in found.items()
+        for seed, placed in enumerate(tried, 1)
+    ]
+    if rows:
+        title = f"preset {config.name} on an LFE5U-{device}"
+        Table.of("fpga", title, [Column("part"), *columns(Routed, PLACED)], rows).print()
     for name, tried in found.items():
         if tried:
             path = f"{name}: from {best(tried).begin} to {best(tried).end}"
@@ -123,20 +127,26 @@ def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed
 def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
     """List the on-chip memories of each stage, and of Chang and Chang's paper."""
     config = find_preset(preset)
-    headings = ("words", "bits", "count", "KB")
-    table = new_table("stage", headings, f"preset {config.name}")
-    facts, total = {}, 0.0
+    facts, rows = {}, []
     for name, parts in WHOLE.items():
         sizes = Counter(size for make in parts for size in memories(make(config)))
         facts[name] = [
             {"words": words, "bits": bits, "count": count} for (words, bits), count in sizes.items()
         ]
-        for (words, bits), count in sizes.items():
-            kilobytes = words * bits * count / 8 / KB
-            total += kilobytes
-            table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
-    table.add_row("all", "", "", "", f"{total:.2f}")
-    console.print(table)
+        rows += [{"stage": name} | each | {"size": _kilobytes(each)} for each in facts[name]]
+    total = sum(row["size"] for row in rows)
+    rows.append({"stage": "all", "size": total})
+    shown = [
+        Column("stage"),
+        *columns(Memory, "words bits count"),
+        Column("KB", digits=2, get="size"),
+    ]
+    shown = [replace(each, none="") for each in shown]
+    Table.of("memories", f"preset {config.name}", shown, rows).print()
     theirs = ", ".join(f"{name} {size}" for name, size in paper.MEMORIES.items())
     console.print(f"The paper (Chang and Chang): {sum(paper.MEMORIES.values())} KB ({theirs}).")
     write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
+
+
+def _kilobytes(memory: dict[str, int]) -> float:
+    return memory["words"] * memory["bits"] * memory["count"] / 8 / KB

@@ -10,7 +10,7 @@ from splatcore.app.cli.bench import SchedulerOption
 from splatcore.app.cli.options import OUTPUT, option
 from splatcore.app.cli.soak import soak
 from splatcore.sim.common.output import console, make_folder, messages, write_json
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
 
 OutputOption = option(
@@ -110,13 +110,13 @@ def finish(
     by: key of the rows, "machine" or "kind"
     sums: keys to add up
     """
-    table = new_table(by, ["runs", *sums, "wrong"], f"seed {seed}")
+    rows = []
     for name in dict.fromkeys(each[by] for each in found):
-        rows = [each for each in found if each[by] == name]
-        cells = [sum(each.get(key, 0) for each in rows) for key in sums]
-        wrong = sum(bool(each["wrong"]) for each in rows)
-        table.add_row(name, *(f"{n:,}" for n in (len(rows), *cells, wrong)))
-    print_whole(table)
+        some = [each for each in found if each[by] == name]
+        row = {by: name, "runs": len(some), "wrong": sum(bool(each["wrong"]) for each in some)}
+        rows.append(row | {key: sum(each.get(key, 0) for each in some) for key in sums})
+    numbers = (Column(key, digits=0) for key in ("runs", *sums, "wrong"))
+    Table.of("soak", f"seed {seed}", [Column(by), *numbers], rows).print()
     wrong = [each for each in found if each["wrong"]]
     machines = Counter(each["machine"] for each in found)
     path = output / f"{kind}.json"

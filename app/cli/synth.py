@@ -8,8 +8,8 @@ from splatcore.eda.gates.machine_gates import synthesise_machine
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.table import new_table, shown
+from splatcore.sim.common.output import progress_bar, write_json
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
@@ -82,19 +82,25 @@ def synth_command(
     write_json(json, facts)
 
 
+COLUMNS = [Column("stage")] + [
+    Column(name, digits=0, get=key)
+    for name, key in (
+        ("NAND2", "nand2"), ("paper", "paper_nand2"), ("depth", "depth"),
+        ("for speed", "speed_nand2"), ("depth", "speed_depth"), ("flip-flops", "flip_flops"),
+        ("memory bits", "memory_bits"),
+    )
+]  # fmt: skip
+
+
 def _synthesise_parts(config: Config, names: list[str]) -> dict:
     """Synthesise and print single parts; return the numbers for JSON."""
     facts = {}
-    headings = ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits")
-    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
-    table = new_table("stage", headings, title)
     for name in names:
         with progress_bar(f"synthesising {name}"):
             found = gates(PARTS[name](config))
         nand2 = paper.GATES.get(paper.STAGE_OF.get(name))
-        row = [found.nand2, nand2, found.depth, found.speed_nand2, found.speed_depth]
-        row += [found.flip_flops, found.memory_bits]
-        table.add_row(name, *(shown(value, ",.0f") for value in row))
         facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": nand2}
-    console.print(table)
+    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
+    rows = ({"stage": name} | each for name, each in facts.items())
+    Table.of("synth", title, COLUMNS, rows).print()
     return facts
