@@ -1,15 +1,17 @@
 """The command `cache`: compiled machines and synthesis results that are kept."""
 
-from splatcore.app.cli.options import JsonOption, app, option
+from pathlib import Path
+
+from splatcore.app.cli.options import JSON, command, option
 from splatcore.sim.common import cache
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.table import Column, Table
 
-EmptyOption = option(bool, None, "Delete everything in the cache.", "--empty")
 
-
-@app.command("cache")
-def cache_command(empty: EmptyOption = False, json: JsonOption = None):
+@command("cache")
+def cache_command(
+    empty: bool = option(False, None, "Delete everything in the cache."), json: Path | None = JSON
+):
     """Show or clear the cache of compiled machines and synthesis results.
 
     Cleared entries are rebuilt on demand, which takes minutes per machine. The environment variable
@@ -25,5 +27,5 @@ def cache_command(empty: EmptyOption = False, json: JsonOption = None):
     Table("cache", "", columns, rows).print()
     if empty:
         cache.empty()
-    console.print(f"{root}{': emptied' if empty else ''}", soft_wrap=True, markup=False)
+    console.print(f"{root}{': emptied' if empty else ''}")
     write_json(json, {"folder": str(root), "bytes": sizes, "emptied": empty})

@@ -4,8 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from splatcore.app.cli import describe, options, path
-from splatcore.app.cli.bench import SchedulerOption
-from splatcore.app.cli.options import argument, option
+from splatcore.app.cli.options import argument, listed, option
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import (
@@ -19,20 +18,8 @@ from splatcore.sim.frame.metric import (
 from splatcore.sim.frame.picture import read_png, write_error_map
 from splatcore.sim.frame.shot import ENGINES, Shot
 from splatcore.sim.frame.unseen import note_empty
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
-
-ImagesArgument = argument(
-    list[str],
-    "A.png|ENGINE B.png|ENGINE …",
-    f"The first is the reference for the others. ENGINE: {', '.join(ENGINES)}.",
-)
-SceneOption = option(
-    str | None, "SCENE|MODEL", "Scene or model that engines render.", panel=options.SCENE
-)
-OutputOption = option(
-    Path | None, "MAP.png", "Draw an error map of the second image.", "-o", panel=options.OUTPUT
-)
 
 MACHINES = {"golden", "rtl"}
 
@@ -57,15 +44,21 @@ ERRORS = (
 """Columns of a table of images."""
 
 
-@options.app.command("compare")
+@options.command("compare")
 def compare_command(
-    images: ImagesArgument,
     view: options.Cameras,
-    scene: SceneOption = None,
-    preset: options.PresetOption = "DEFAULT",
-    scheduler: SchedulerOption = None,
-    output: OutputOption = None,
-    json: options.JsonOption = None,
+    images: list[str] = argument(
+        ...,
+        "A.png|ENGINE B.png|ENGINE …",
+        f"The first is the reference for the others. ENGINE: {listed(ENGINES)}.",
+    ),
+    scene: str | None = option(
+        None, "SCENE|MODEL", "Scene or model that engines render.", panel=options.SCENE
+    ),
+    config: Config = options.PRESET,
+    scheduler: str | None = options.SCHEDULER,
+    output: Path | None = option(None, "MAP.png", "Draw an error map of the second image."),
+    json: Path | None = options.JSON,
 ):
     """Compare images with the first one: PSNR, SSIM and maximum error.
 
@@ -77,7 +70,7 @@ def compare_command(
     path.check(view, scheduler)
     if len(images) < 2:
         raise InputError("compare: needs at least two images")
-    config, drawn, shot = find_preset(preset), {}, None
+    drawn, shot = {}, None
     if view.cameras:
         if images != ["reference", "golden"] or scene is None or output:
             raise InputError("--cameras: needs reference golden --scene SCENE, and no -o")
@@ -99,7 +92,7 @@ def compare_command(
     truth = (results := [result for result, _ in found])[0].against
     print_errors(images[0], found)
     if shot:
-        console.print(describe.antialiased_line(shot.source), soft_wrap=True)
+        console.print(describe.antialiased_line(shot.source))
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
         title = f"{images[1]} against {truth}: {psnr}"
@@ -145,7 +138,7 @@ def print_errors(first: str, found: list[tuple[Compared, dict[str, Difference]]]
     Table.of("compare", f"against {first}", ERRORS, rows).print()
     if names := [name for name in MEANING if any(name in rows for _, rows in found)]:
         lines = (f"{name}: reference on {MEANING[name]}" for name in names)
-        console.print("; ".join(lines), soft_wrap=True)
+        console.print("; ".join(lines))
 
 
 def compared_view(shot: Shot) -> dict:

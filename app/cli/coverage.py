@@ -3,12 +3,10 @@
 from collections import Counter
 from pathlib import Path
 
-from splatcore.app.cli.options import JsonOption, app, argument
+from splatcore.app.cli.options import JSON, argument, command
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
-
-FolderArgument = argument(Path, "DIR", "Folder with the counts of simulations.")
 
 KEYS = ("lines_reached", "lines", "branches_taken", "branches")
 
@@ -22,8 +20,11 @@ COLUMNS = (
 )
 
 
-@app.command("coverage")
-def coverage_command(folder: FolderArgument, json: JsonOption = None):
+@command("coverage")
+def coverage_command(
+    folder: Path = argument(..., "DIR", "Folder with the counts of simulations."),
+    json: Path | None = JSON,
+):
     """Show which branches and lines of hdl/ simulations have reached.
 
     Lists those not reached. Simulations write counts to DIR if the environment variable
@@ -48,6 +49,6 @@ def coverage_command(folder: FolderArgument, json: JsonOption = None):
     rows.append({"file": "all"} | {key: sum(row[key] for row in rows) for key in KEYS})
     missed = [f"{arm.place} {arm.target}: {arm.arm}" for arm in sorted(found) if not found[arm]]
     for line in missed:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.print(line)
     Table.of("coverage", str(folder), COLUMNS, rows).print()
     write_json(json, {"files": rows, "missed": missed})

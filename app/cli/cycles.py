@@ -5,15 +5,14 @@ from itertools import takewhile
 from pathlib import Path
 
 from splatcore.app.cli import describe, options, path
-from splatcore.app.cli.bench import SchedulerOption
+from splatcore.app.cli.options import argument
 from splatcore.sim.common.output import console, write_json
 from splatcore.sim.common.table import Column, Table, shown
 from splatcore.sim.frame.metric import against, decibels
 from splatcore.sim.frame.shot import Shot, judge
 from splatcore.sim.frame.unseen import note_empty
-from splatcore.spec.config import CLOCK_HZ
+from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 FPS = f"FPS at {CLOCK_HZ / 1e6:.0f} MHz"
 """Label of the frames per second."""
@@ -25,19 +24,17 @@ COLUMNS = [Column(name, digits=0, per=1000) for name in HALVES]
 COLUMNS += [Column(FPS, digits=1, get="fps"), *path.ERRORS]
 """Columns of a table of cameras."""
 
-SceneArgument = options.argument(
-    list[str], "SCENE|MODEL …", "Scenes or models to render; a single one with --cameras."
-)
 
-
-@options.app.command("cycles")
+@options.command("cycles")
 def cycles_command(
-    scene: SceneArgument,
     view: options.NextCameras,
-    preset: options.PresetOption = "DEFAULT",
-    quality: options.QualityOption = None,
-    scheduler: SchedulerOption = None,
-    json: options.JsonOption = None,
+    scene: list[str] = argument(
+        ..., "SCENE|MODEL …", "Scenes or models to render; a single one with --cameras."
+    ),
+    config: Config = options.PRESET,
+    quality: str | None = options.QUALITY,
+    scheduler: str | None = options.SCHEDULER,
+    json: Path | None = options.JSON,
 ):
     """Estimate a frame's cycles by stage, and measure its error.
 
@@ -49,14 +46,13 @@ def cycles_command(
     """
     options.check_quality(quality, *scene)
     path.check(view, scheduler)
-    machine, facts = {"config": find_preset(preset), "quality": quality}, {}
-    preset = machine["config"].name
+    machine, facts = {"config": config, "quality": quality}, {}
     if view.cameras:
         if len(scene) > 1:
             raise InputError("--cameras: needs a single SCENE")
         shots = path.open_all(scene[0], view, True, **machine)
         rows = list(path.along(measured, shots, scheduler=scheduler))
-        about = {"preset": preset, "scene": shots[0].source.name}
+        about = {"preset": config.name, "scene": shots[0].source.name}
         write_json(json, about | path.print_table(shots[0], rows, COLUMNS, "cycles / 1000"))
         return
     for text in scene:
@@ -65,11 +61,11 @@ def cycles_command(
         facts[text] = measured(shot)
         note_empty(shot, facts[text]["counts"])
         name = shot.source.name
-        console.print(f"{name}: {describe.antialiased_line(shot.source)}", soft_wrap=True)
+        console.print(f"{name}: {describe.antialiased_line(shot.source)}")
         if shot.packed:
-            console.print(f"{name}: {shot.packing_line}", soft_wrap=True)
+            console.print(f"{name}: {shot.packing_line}")
     table(facts).print()
-    write_json(json, {"preset": preset, "scenes": facts})
+    write_json(json, {"preset": config.name, "scenes": facts})
 
 
 def table(facts: dict[str, dict]) -> Table:

@@ -49,7 +49,7 @@ def print_tables(results: dict[str, dict], largest: dict[str, dict], machines: t
     tables[COUNT_TITLE] = count_table(results, machines, headings)
     tables["All together"] = total_table(results, machines, headings)
     for title, table in tables.items():
-        console.print(f"\n{title}", soft_wrap=True)
+        console.print(f"\n{title}")
         table.print()
 
 

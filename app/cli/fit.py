@@ -30,31 +30,22 @@ MINIMUM = {"fps": 1e-3, "psnr": 1.0}  # of --fps and --psnr
 PSNR_MAX = 200.0  # a limit for typing errors; 8 bits cannot show as much
 
 
-OutputOption = option(Path, "PRESET.toml", "Preset file to write.", "-o", panel=options.OUTPUT)
-FpsOption = option(float, "F", "Target: frames per second at 800 MHz.")
-PsnrOption = option(
-    float | None,
-    "P",
-    "Target: dB against the reference on the packed model. Default: keep DEFAULT's formats.",
-)
-GatesOption = option(
-    bool, None, "Also synthesise all parts of the machine and of DEFAULT.", "--gates"
-)
-ConfirmOption = option(
-    bool, None, "Also simulate the slowest view in RTL, which takes minutes.", "--confirm"
-)
-
-
-@options.app.command("fit")
+@options.command("fit")
 def fit_command(
-    scene: options.SourceArgument,
     view: options.NextCameras,
-    output: OutputOption,
-    fps: FpsOption,
-    psnr: PsnrOption = None,
-    gates: GatesOption = False,
-    confirm: ConfirmOption = False,
-    json: options.JsonOption = None,
+    scene: str = options.SOURCE,
+    output: Path = option(..., "PRESET.toml", "Preset file to write."),
+    fps: float = option(..., "F", "Target: frames per second at 800 MHz."),
+    psnr: float | None = option(
+        None,
+        "P",
+        "Target: dB against the reference on the packed model. Default: keep DEFAULT's formats.",
+    ),
+    gates: bool = option(False, None, "Also synthesise all parts of the machine and of DEFAULT."),
+    confirm: bool = option(
+        False, None, "Also simulate the slowest view in RTL, which takes minutes."
+    ),
+    json: Path | None = options.JSON,
 ):
     """Find the smallest machine that renders a scene fast and well enough.
 
@@ -75,7 +66,7 @@ def fit_command(
         with progress_bar("fitting") as advance:
             chosen = fit(start, views, fps, psnr, lambda text: advance(0, None, text))
     except Impossible as impossible:
-        messages.print(f"impossible: {impossible}", markup=False, soft_wrap=True)
+        messages.print(f"impossible: {impossible}", soft_wrap=True)
         raise typer.Exit(1) from None
     rows = knobs(chosen)
     reasons = {row.name: row.reason for row in rows}
@@ -87,7 +78,7 @@ def fit_command(
     facts = _facts(chosen, rows, sizes)
     _show(facts, rows, f"{chosen.config.name}: {target}")
     facts["seconds"] = round(time.perf_counter() - begin, 1)
-    console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
+    console.print(f"{output}: {facts['seconds']:.0f} s")
     if confirm:
         facts["confirmed"] = _confirm(chosen, views, fps)
     asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.stated
@@ -215,7 +206,7 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
         build(found.config), [Job(view.model, view.camera)] * FRAMES, LPDDR4, f"simulating {name}"
     )
     if not run.done:
-        console.print(f"{name}: the machine failed: {run.why}", soft_wrap=True)
+        console.print(f"{name}: the machine failed: {run.why}")
         return {"view": name, "reached": False, "ended": run.why}
     exact = np.rint(view.exact * LEVELS).astype(np.uint8)
     facts = judge(found.config, run, Expected(view.model, view.camera, golden, {"machine": exact}))
@@ -225,7 +216,6 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
     console.print(
         f"{name} in RTL: {cycles['frame']:,} cycles (model {found.cycles(name).frame:,}), "
         f"{cycles['fps_at_800mhz']:.1f} frames per second, picture {same}: "
-        f"{'confirmed' if reached else 'NOT confirmed'}",
-        soft_wrap=True,
+        f"{'confirmed' if reached else 'NOT confirmed'}"
     )
     return {"view": name, "reached": reached} | facts

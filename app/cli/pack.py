@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 from splatcore.app.cli import describe, options
+from splatcore.app.cli.options import option
 from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.common.choice import check_known
@@ -17,41 +19,36 @@ from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import open_cameras, open_source
 from splatcore.sim.frame.unseen import note_empty
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 PSNR_MAX = 100.0  # more than 8-bit pictures can show
 
-QualityOption = options.option(
-    str | None,
-    "NAME",
-    "small (11.5 bytes per Gaussian; for scenes fine-tuned to it), compact (22), balanced (up to "
-    f"38) or faithful (up to 54). {options.SMALLEST} in every view.",
-    "--quality",
-    panel=options.MACHINE,
-)
-PsnrOption = options.option(
-    float | None,
-    "DB",
-    "Smallest model with at least DB against the scene, chosen chunk by chunk.",
-    panel=options.MACHINE,
-)
-ShDegreeOption = options.option(
-    int | None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
-)
 
-
-@options.app.command("pack")
+@options.command("pack")
 def pack_command(
-    scene: options.SceneArgument,
-    output: options.ModelOption,
     view: options.Cameras,
-    quality: QualityOption = None,
-    psnr: PsnrOption = None,
-    sh_degree: ShDegreeOption = None,
-    preset: options.PresetOption = "DEFAULT",
-    plain: options.PlainOption = False,
-    json: options.JsonOption = None,
+    scene: str = options.ONE_SCENE,
+    output: Path = options.MODEL,
+    quality: str | None = option(
+        None,
+        "NAME",
+        "small (11.5 bytes per Gaussian; for scenes fine-tuned to it), compact (22), balanced "
+        f"(up to 38) or faithful (up to 54). {options.SMALLEST} in every view.",
+        panel=options.MACHINE,
+    ),
+    psnr: float | None = option(
+        None,
+        "DB",
+        "Smallest model with at least DB against the scene, chosen chunk by chunk.",
+        panel=options.MACHINE,
+    ),
+    sh_degree: int | None = option(
+        None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
+    ),
+    config: Config = options.PRESET,
+    plain: bool = options.PLAIN,
+    json: Path | None = options.JSON,
 ):
     """Pack a scene into a model for the machine, and measure the loss.
 
@@ -61,7 +58,6 @@ def pack_command(
     "bytes" is the size in memory, "file bytes" the size of the coded file. For a file to be loaded
     directly into DRAM, use --plain.
     """
-    config = find_preset(preset)
     check_wanted(quality, psnr)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, view.reading)

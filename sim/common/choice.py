@@ -1,4 +1,4 @@
-"""Names that an option may have."""
+"""Names and numbers that an option may have."""
 
 from collections.abc import Collection, Iterable
 
@@ -16,3 +16,14 @@ def choices(names: Iterable[str]) -> str:
     """Return names as "a, b or c"."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last
+
+
+def numbers(option: str, text: str, kind: type = float, blank: bool = False) -> tuple:
+    """Parse numbers separated by commas; raise InputError for anything else.
+
+    blank: leave out parts without text
+    """
+    try:
+        return tuple(kind(part) for part in text.split(",") if part.strip() or not blank)
+    except ValueError:
+        raise InputError(f"{option} '{text}': must be numbers separated by commas") from None

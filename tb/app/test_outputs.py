@@ -6,7 +6,7 @@ import pytest
 import typer
 
 from splatcore.app.cli.main import register
-from splatcore.app.cli.options import App, Command, app
+from splatcore.app.cli.options import JSON, NEW_FOLDER, Command, app, option, spread
 from splatcore.app.cli.reference import all_commands
 from splatcore.spec.error import InputError
 from tb.helpers.command import run, write_scene
@@ -22,12 +22,15 @@ def test_every_command_is_checked():
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, InputError("no"), RuntimeError("no")])
 def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
     """The checks and the clean-up apply to any command, even one defined here."""
-    from splatcore.app.cli.options import FolderOption, JsonOption
+    own = typer.Typer()
 
-    own = App()
-
-    @own.command()
-    def make(output: FolderOption, json: JsonOption = None, keep: bool = False):
+    @own.command(cls=Command)
+    @spread
+    def make(
+        output: Path = NEW_FOLDER,
+        json: Path | None = JSON,
+        keep: bool = option(False, None, "Leave a file."),
+    ):
         (output / "parts").mkdir(parents=True)
         if keep:
             (output / "kept").touch()
