@@ -7,7 +7,6 @@ from pathlib import Path
 import typer
 
 from splatcore.app.cli.options import (
-    JSON,
     KEPT_FOLDER,
     MACHINE,
     PRESET,
@@ -105,8 +104,7 @@ def sort_command(
     output: Path = option(..., "DIR", "Folder for sort.png."),
     config: Config = PRESET,
     lengths: str | None = option(None, "N,N,…", "Entries per list. Default: 1 to 20,000."),
-    json: Path | None = JSON,
-):
+) -> dict:
     """Measure the cycles of sorting, with stage 2 simulated in RTL.
 
     Sorts lists of random, equal, sorted, reversed and clustered keys. Prints the cycles from the
@@ -120,8 +118,7 @@ def sort_command(
     output.mkdir(exist_ok=True)
     found, model = bench_sort(config, counts, path)
     console.print(str(path))
-    facts = {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
-    write_json(json, facts)
+    return {"preset": config.name, "lengths": list(counts), "cycles": found, "model": model}
 
 
 def parse_lengths(text: str) -> tuple[int, ...]:

@@ -3,12 +3,11 @@
 from pathlib import Path
 
 from splatcore.app.cli.bench import PIXELS, finish
+from splatcore.app.cli.compress import LEARN, TRAINING
 from splatcore.app.cli.options import (
     KEPT_FOLDER,
-    LEARN,
     MACHINE,
     PRESET,
-    TRAINING,
     argument,
     command,
     listed,

@@ -5,12 +5,10 @@ from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
-import typer
-
 from splatcore.app.cli import options
 from splatcore.app.cli.options import option
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.frame.metric import against, metrics_line
 from splatcore.sim.frame.picture import write_png
 from splatcore.sim.frame.shot import judge
@@ -69,8 +67,7 @@ def render_command(
     output: Path = option(..., "OUT.png", "Picture to write."),
     board: str = option(..., "DIR", "Folder written by `board write`.", panel=BOARD),
     port: str = option(..., "DEVICE", "Serial port, like /dev/ttyUSB0.", panel=BOARD),
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Render a frame on a board and compare it with the golden model.
 
     Model and picture are sent over a serial port. Exit status 1 if a pixel differs.
@@ -109,6 +106,4 @@ def render_command(
         "rendering_cycles": frame.rendering, "frames_a_second": round(rate, 3),
         "seconds": round(seconds, 3), "identical": not wrong, **shot.source.stated,
     }  # fmt: skip
-    write_json(json, facts_written | against(found))
-    if wrong:
-        raise typer.Exit(1)
+    return options.result(facts_written | against(found), wrong)

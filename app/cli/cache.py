@@ -1,17 +1,13 @@
 """The command `cache`: compiled machines and synthesis results that are kept."""
 
-from pathlib import Path
-
-from splatcore.app.cli.options import JSON, command, option
+from splatcore.app.cli.options import command, option
 from splatcore.sim.common import cache
-from splatcore.sim.common.output import console, write_json
+from splatcore.sim.common.output import console
 from splatcore.sim.common.table import Column, Table
 
 
 @command("cache")
-def cache_command(
-    empty: bool = option(False, None, "Delete everything in the cache."), json: Path | None = JSON
-):
+def cache_command(empty: bool = option(False, None, "Delete everything in the cache.")) -> dict:
     """Show or clear the cache of compiled machines and synthesis results.
 
     Cleared entries are rebuilt on demand, which takes minutes per machine. The environment variable
@@ -28,4 +24,4 @@ def cache_command(
     if empty:
         cache.empty()
     console.print(f"{root}{': emptied' if empty else ''}")
-    write_json(json, {"folder": str(root), "bytes": sizes, "emptied": empty})
+    return {"folder": str(root), "bytes": sizes, "emptied": empty}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from splatcore.app.cli import describe, options, path
 from splatcore.app.cli.options import argument, listed, option
-from splatcore.sim.common.output import console, write_json
+from splatcore.sim.common.output import console
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import (
     LEVELS,
@@ -58,8 +58,7 @@ def compare_command(
     config: Config = options.PRESET,
     scheduler: str | None = options.SCHEDULER,
     output: Path | None = option(None, "MAP.png", "Draw an error map of the second image."),
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Compare images with the first one: PSNR, SSIM and maximum error.
 
     An image is a PNG file, or an engine, which renders --scene from --camera. Next to golden or
@@ -76,8 +75,7 @@ def compare_command(
             raise InputError("--cameras: needs reference golden --scene SCENE, and no -o")
         shots = path.open_all(scene, view, True, config=config)
         rows = list(path.along(compared_view, shots, scheduler=scheduler))
-        write_json(json, path.print_table(shots[0], rows, COLUMNS, "golden against reference"))
-        return
+        return path.print_table(shots[0], rows, COLUMNS, "golden against reference")
     for text in images:
         if text not in ENGINES:
             drawn[text] = read_png(text)
@@ -97,7 +95,7 @@ def compare_command(
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
         title = f"{images[1]} against {truth}: {psnr}"
         write_error_map(output, drawn[images[1]], drawn[images[0]], title)
-    write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
+    return results[0] if len(results) == 1 else {"images": [vars(r) for r in results]}
 
 
 def compared(

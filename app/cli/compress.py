@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.app.cli import options
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.options import LEARN, SCENE, TARGET, TRAINING, argument, option
+from splatcore.app.cli.options import SCENE, argument, option
 from splatcore.app.cli.recipe_file import KEYS, Pictures, named, read_recipe
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
@@ -16,7 +16,7 @@ from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.common import output as files
 from splatcore.sim.common.cache import digest
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.table import shown
 from splatcore.sim.frame.metric import difference
 from splatcore.sim.frame.reading import Reading
@@ -28,6 +28,15 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 from splatcore.study.compression import run
 from splatcore.study.compression.steps_table import table_of, trials_of
+
+LEARN = "Pictures to learn from"
+TARGET = "Target (at most one)"
+TRAINING = "Training"
+"""Headings of options in --help."""
+
+WORK = option(
+    None, "DIR", "Folder for the state of each step. Default: the output's name + .steps."
+)
 
 LOSS_VIEWS = 4  # views for the loss if there are no photographs
 
@@ -71,7 +80,7 @@ def train_command(
         min=0,
         panel=TRAINING,
     ),
-    work: Path | None = options.WORK,
+    work: Path | None = WORK,
     antialiased: bool = option(
         False,
         None,
@@ -80,8 +89,7 @@ def train_command(
         panel=SCENE,
     ),
     near: float | None = options.NEAR,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Train a plain 3DGS scene from photographs.
 
     The scene is a baseline for `splatcore compress`. Training starts from COLMAP's points,
@@ -102,7 +110,7 @@ def train_command(
     }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
     console.print(f"{output}: {len(scene)} Gaussians{shown}")
-    write_json(json, facts)
+    return facts
 
 
 @options.command(
@@ -137,11 +145,10 @@ def compress_command(
     recipe: str | None = option(
         None, "FILE.toml", "How to prune and fine-tune; for the keys see above.", panel=TRAINING
     ),
-    work: Path | None = options.WORK,
+    work: Path | None = WORK,
     config: Config = options.PRESET,
     plain: bool = options.PLAIN,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     file, (recipe, pictures) = recipe, read_recipe(recipe, vars(targets))
     run.check_installed()
     if targets.max_drop is not None and images is None:
@@ -166,7 +173,9 @@ def compress_command(
     facts |= facts_of(original, model, checkpoints)
     _print_steps(checkpoints, facts)
     facts |= _loss(original, model.gaussians(), aside, pixels, seed, path, reading)
-    _print_result(facts, json)
+    line = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('line')}"
+    console.print(f"{facts['model']}: {line}")
+    return facts
 
 
 def _print_steps(checkpoints: Checkpoints, facts: dict):
@@ -174,13 +183,6 @@ def _print_steps(checkpoints: Checkpoints, facts: dict):
     if facts["choice"]:
         trials_of(facts["choice"]).print()
     table_of(checkpoints, facts["original_bytes"]).print()
-
-
-def _print_result(facts: dict, json: Path | None):
-    """Print sizes and loss in one line; write the facts except the key "line"."""
-    line = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('line')}"
-    console.print(f"{facts['model']}: {line}")
-    write_json(json, facts)
 
 
 def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:

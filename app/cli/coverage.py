@@ -3,8 +3,8 @@
 from collections import Counter
 from pathlib import Path
 
-from splatcore.app.cli.options import JSON, argument, command
-from splatcore.sim.common.output import console, write_json
+from splatcore.app.cli.options import argument, command
+from splatcore.sim.common.output import console
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
 
@@ -23,8 +23,7 @@ COLUMNS = (
 @command("coverage")
 def coverage_command(
     folder: Path = argument(..., "DIR", "Folder with the counts of simulations."),
-    json: Path | None = JSON,
-):
+) -> dict:
     """Show which branches and lines of hdl/ simulations have reached.
 
     Lists those not reached. Simulations write counts to DIR if the environment variable
@@ -51,4 +50,4 @@ def coverage_command(
     for line in missed:
         console.print(line)
     Table.of("coverage", str(folder), COLUMNS, rows).print()
-    write_json(json, {"files": rows, "missed": missed})
+    return {"files": rows, "missed": missed}

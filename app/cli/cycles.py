@@ -6,7 +6,7 @@ from pathlib import Path
 
 from splatcore.app.cli import describe, options, path
 from splatcore.app.cli.options import argument
-from splatcore.sim.common.output import console, write_json
+from splatcore.sim.common.output import console
 from splatcore.sim.common.table import Column, Table, shown
 from splatcore.sim.frame.metric import against, decibels
 from splatcore.sim.frame.shot import Shot, judge
@@ -34,8 +34,7 @@ def cycles_command(
     config: Config = options.PRESET,
     quality: str | None = options.QUALITY,
     scheduler: str | None = options.SCHEDULER,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Estimate a frame's cycles by stage, and measure its error.
 
     The cycle model uses the golden model's counts and agrees with the RTL within 3 % for each
@@ -53,8 +52,7 @@ def cycles_command(
         shots = path.open_all(scene[0], view, True, **machine)
         rows = list(path.along(measured, shots, scheduler=scheduler))
         about = {"preset": config.name, "scene": shots[0].source.name}
-        write_json(json, about | path.print_table(shots[0], rows, COLUMNS, "cycles / 1000"))
-        return
+        return about | path.print_table(shots[0], rows, COLUMNS, "cycles / 1000")
     for text in scene:
         shot = view.open(text, **machine)
         shot.check_fits()
@@ -65,7 +63,7 @@ def cycles_command(
         if shot.packed:
             console.print(f"{name}: {shot.packing_line}")
     table(facts).print()
-    write_json(json, {"preset": config.name, "scenes": facts})
+    return {"preset": config.name, "scenes": facts}
 
 
 def table(facts: dict[str, dict]) -> Table:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from splatcore.app.cli.error_tables import decibels, print_tables
 from splatcore.app.cli.options import (
-    JSON,
     MACHINE,
     QUALITY,
     Viewing,
@@ -22,7 +21,7 @@ from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.option import SCENE
-from splatcore.sim.common.output import console, messages, write_json
+from splatcore.sim.common.output import console, messages
 from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.source import check_source
 from splatcore.spec.config import DEFAULT, PRESETS, Config
@@ -181,8 +180,7 @@ def error_command(
     ),
     quality: str | None = QUALITY,
     output: Path | None = option(None, "PLOT.png", "Plot the errors."),
-    json: Path | None = JSON,
-):
+) -> dict:
     """Measure the error of the machine's numbers, stage by stage.
 
     --stage project: compares each field of a splat by the golden model of stages 0 and 1 with the
@@ -218,7 +216,7 @@ def error_command(
     found.show()
     if output:
         found.plot(output)
-    write_json(json, {"stage": stage} | found.facts)
+    return {"stage": stage} | found.facts
 
 
 def check_stage(stage: str, quality: str | None, machines: int):

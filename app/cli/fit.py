@@ -11,7 +11,7 @@ import typer
 
 from splatcore.app.cli import options
 from splatcore.app.cli.options import option
-from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.common.output import console, messages, progress_bar
 from splatcore.sim.common.preset_file import write_preset
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import LEVELS
@@ -45,8 +45,7 @@ def fit_command(
     confirm: bool = option(
         False, None, "Also simulate the slowest view in RTL, which takes minutes."
     ),
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Find the smallest machine that renders a scene fast and well enough.
 
     Every view must reach F frames per second, by the cycle model with a margin for memory, and P dB
@@ -82,9 +81,7 @@ def fit_command(
     if confirm:
         facts["confirmed"] = _confirm(chosen, views, fps)
     asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.stated
-    write_json(json, asked | facts)
-    if confirm and not facts["confirmed"]["reached"]:
-        raise typer.Exit(1)
+    return options.result(asked | facts, confirm and not facts["confirmed"]["reached"])
 
 
 def _open(name: str, scene: str, view: options.NextCameras) -> "tuple[Source, Config, list[View]]":

@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import typer
-
 from splatcore.app.cli import options
 from splatcore.app.cli.commands import COMMANDS
 from splatcore.app.cli.options import MACHINE, argument, listed, option
@@ -12,7 +10,7 @@ from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.common.output import console, messages, progress_bar
 from splatcore.sim.frame.shot import ENGINES
 from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import check_fits
@@ -41,8 +39,7 @@ def hard_command(
     size: str | None = SIZE,
     timing: str = TIMING,
     output: Path | None = option(None, "DIR", "Folder for the pictures and a contact sheet."),
-    json: Path | None = options.JSON,
-):
+) -> dict:
     check_known("--engine", ENGINES, engine)
     memory = find_timing(timing)
     left_out = () if config.compensates else ANTIALIASED
@@ -81,9 +78,8 @@ def hard_command(
     )
     if output:
         write_pictures(output, outcomes, engine)
-    write_json(json, {
+    facts = {
         "engine": engine, "preset": config.name, "timing": memory.name if machine else None,
         "passed": not failed, "cases": {outcome.name: outcome.facts() for outcome in outcomes},
-    })  # fmt: skip
-    if failed:
-        raise typer.Exit(1)
+    }  # fmt: skip
+    return options.result(facts, failed)

@@ -16,13 +16,14 @@ from splatcore.app.cli.commands import COMMANDS, GROUPS, example
 from splatcore.model.formats.camera_file import split_id
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.pack.quality import LEAST_DB, QUALITIES, UNLEARNED
-from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.choice import check_known, parse_colour
 from splatcore.sim.common.option import SCENE, argument, option
 from splatcore.sim.common.output import (
     check_distinct,
     check_folder,
     check_writable,
     new_folders,
+    write_json,
 )
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.shot import ENGINES, Shot
@@ -38,9 +39,6 @@ MACHINE = "Machine and packing"
 OUTPUT = "Output"
 RTL = "RTL simulation"
 PICTURE = "Picture"
-LEARN = "Pictures to learn from"
-TARGET = "Target (at most one)"
-TRAINING = "Training"
 """Headings of options in --help that several commands have."""
 
 
@@ -68,27 +66,12 @@ class Command(TyperCommand):
         folders = [path for each, path in written if metavars[each.name] == FOLDER]
         check_distinct([(each.opts[0], path) for each, path in written], inputs_of(context.params))
         for each, path in written:
-            check_type(each.opts[0], path, Path(metavars[each.name]).suffix)
+            suffix = Path(metavars[each.name]).suffix
+            if suffix and path.suffix and path.suffix.lower() != suffix:  # it may have none
+                raise InputError(f"{each.opts[0]} {path}: must end in {suffix}")
             (check_folder if path in folders else check_writable)(path)
         with new_folders(folders):
             return super().invoke(context)
-
-
-def check_type(option: str, path: Path, suffix: str):
-    """Raise InputError if a file's name has another suffix; it may have none."""
-    if suffix and path.suffix and path.suffix.lower() != suffix:
-        raise InputError(f"{option} {path}: must end in {suffix}")
-
-
-def parse_colour(text: str) -> tuple[float, float, float]:
-    """Parse three numbers 0 … 1 separated by commas."""
-    try:
-        red, green, blue = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--background '{text}': must be three numbers R,G,B") from None
-    if not all(0 <= value <= 1 for value in (red, green, blue)):
-        raise InputError(f"--background '{text}': is not in 0 … 1")
-    return red, green, blue
 
 
 def listed(names: Iterable[str]) -> str:
@@ -180,19 +163,34 @@ def declared(group: type) -> dict[str, tuple[object, Field]]:
     return {name: (kinds[name], known[name]) for name in dict.fromkeys(names)}
 
 
+JSON = option(None, "FILE.json", "Write the results (see docs/json.md).")
+
+
+class Wrong(dict):
+    """The result of a command that found something wrong: its exit status is 1."""
+
+
+def result(facts: dict, wrong: object) -> dict:
+    """Return the result of a command."""
+    return Wrong(facts) if wrong else facts
+
+
 def spread(function: Callable) -> Callable:
     """Return the function with the parameters that typer takes.
 
     A parameter's default is its declaration by `sim.common.option`; one without is a dataclass
-    of these, and becomes one parameter for each field.
+    of these, and becomes one parameter for each field. A function that returns its result gets the
+    option --json.
     """
-    found, groups = {}, {}
-    for each in inspect.signature(function, eval_str=True).parameters.values():
+    found, groups, signature = {}, {}, inspect.signature(function, eval_str=True)
+    for each in signature.parameters.values():
         if each.default is each.empty:
             groups[each.name] = each.annotation
             found |= declared(each.annotation)
         else:
             found[each.name] = each.annotation, each.default
+    if returns := signature.return_annotation is not signature.empty:
+        found["json"] = Path | None, JSON
     parameters = [
         inspect.Parameter(
             name, inspect.Parameter.KEYWORD_ONLY, default=about.default,
@@ -208,7 +206,11 @@ def spread(function: Callable) -> Callable:
                 values[name] = read(values[name])
         for name, group in groups.items():
             values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
-        return function(**values)
+        path = values.pop("json") if returns else None
+        made = function(**values)
+        write_json(path, made)
+        if isinstance(made, Wrong):
+            raise typer.Exit(1)
 
     call.__signature__ = inspect.Signature(parameters)
     call.__annotations__ = {each.name: each.annotation for each in parameters}
@@ -291,7 +293,9 @@ QUALITY = option(
     f"Packing of a scene: {', '.join(QUALITIES)}. {SMALLEST} in the view.",
     panel=MACHINE,
 )
-BACKGROUND = option("0,0,0", "R,G,B", "Background colour, each 0 … 1.", panel=PICTURE)
+BACKGROUND = option(
+    "0,0,0", "R,G,B", "Background colour, each 0 … 1.", panel=PICTURE, read=parse_colour
+)
 ENGINE = option("reference", "NAME", f"{', '.join(ENGINES)}.", panel=MACHINE)
 NEW_FOLDER = option(..., "DIR", "Folder to write into.")
 MODEL = option(..., "MODEL.splatcore", "Packed model to write.")
@@ -301,7 +305,6 @@ PLAIN = option(
     "Write the plain bytes of DRAM instead of a coded file, for software that loads them directly.",
     panel=OUTPUT,
 )
-JSON = option(None, "FILE.json", "Write the results (see docs/json.md).")
 SCHEDULER = option(
     None,
     "ADDRESS",
@@ -310,7 +313,4 @@ SCHEDULER = option(
 )
 KEPT_FOLDER = option(
     ..., "DIR", "Folder for results; results already there are kept.", "-o", "--out"
-)
-WORK = option(
-    None, "DIR", "Folder for the state of each step. Default: the output's name + .steps."
 )

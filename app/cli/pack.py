@@ -13,7 +13,6 @@ from splatcore.sim.common.output import (
     console,
     progress_bar,
     write,
-    write_json,
 )
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.shot import Shot
@@ -48,8 +47,7 @@ def pack_command(
     ),
     config: Config = options.PRESET,
     plain: bool = options.PLAIN,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Pack a scene into a model for the machine, and measure the loss.
 
     dB: the reference renderer's pictures of the packed model against those of the scene, in the
@@ -92,7 +90,7 @@ def pack_command(
     parts_table(parts, losses).print()
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
-    write_json(json, facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
+    return facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses}
 
 
 def check_wanted(quality: str | None, psnr: float | None):

@@ -6,7 +6,7 @@ from pathlib import Path
 from splatcore.app.cli import options
 from splatcore.app.cli.options import option
 from splatcore.model.formats.colmap_write import write_colmap
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.size import parse_size, path_cameras
@@ -41,8 +41,7 @@ def photographs_command(
     points: int = option(10_000, "N", "Maximum number of points.", min=1),
     seed: int = option(0, "N", "Random seed of views and points.", min=0),
     scheduler: str | None = options.SCHEDULER,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Render a scene as photographs: pictures, poses and points.
 
     Writes a COLMAP folder for `train` and `compress --images`, which must be new or empty:
@@ -78,7 +77,7 @@ def photographs_command(
     where = f"{on_path} on the path, {views - on_path} from all around"
     text = f"{views} photographs of {pixels[0]}x{pixels[1]} ({where}), {len(found[0])} points"
     console.print(f"{output}: {text}")
-    write_json(json, facts)
+    return facts
 
 
 def _given(cameras: str | None, share: float | None, size: str) -> list[Camera]:

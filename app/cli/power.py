@@ -6,7 +6,7 @@ from splatcore.app.cli import options
 from splatcore.app.cli.options import option
 from splatcore.eda.cells.liberty import Library
 from splatcore.eda.cells.liberty_file import read_liberty
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.energy import PROCESS_NM, Energy
 from splatcore.spec.error import InputError
@@ -37,8 +37,7 @@ def power_command(
     ),
     liberty: str | None = LIBERTY,
     process: float | None = PROCESS,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """ESTIMATE the power of a frame by stage, to first order.
 
     Simulates frames in RTL. The energy of a part is the mean rate of changes of its RTL nets, times
@@ -78,7 +77,7 @@ def power_command(
     }  # fmt: skip
     if library:
         facts["liberty"] = _cells(library, process, config.energy)
-    write_json(json, facts | report(found, counts, config.energy, fps))
+    return facts | report(found, counts, config.energy, fps)
 
 
 def _checked(

@@ -17,7 +17,6 @@ from splatcore.sim.common.output import (
     check_writable,
     console,
     make_folder,
-    write_json,
 )
 from splatcore.sim.common.table import Column
 from splatcore.sim.frame.metric import Difference, Result, against, metrics_line
@@ -91,7 +90,7 @@ def render_command(
         "With --engine reference: 3σ tile bounds, as in the original renderer.",
         panel=options.PICTURE,
     ),
-    background: str = options.BACKGROUND,
+    background: tuple[float, float, float] = options.BACKGROUND,
     heat_map: Path | None = option(
         None, "FILE.png", "With --engine reference: draw the number of splats per tile."
     ),
@@ -103,8 +102,7 @@ def render_command(
         panel=options.PICTURE,
     ),
     scheduler: str | None = options.SCHEDULER,
-    json: Path | None = options.JSON,
-):
+) -> dict:
     """Render a picture, or one per camera, and count the work in it.
 
     A picture of the golden model is compared with the reference's of the same packed model
@@ -117,30 +115,28 @@ def render_command(
     film.check(view.cameras, engine, compare)
     if not (output or film.video):
         raise InputError("-o: is missing; it names the picture to write")
-    convention = replace(
-        ORIGINAL if original else SPLATCORE, background=options.parse_colour(background)
-    )
+    convention = replace(ORIGINAL if original else SPLATCORE, background=background)
     machine = {"config": config, "convention": convention}
     if engine == "rtl":
         from splatcore.app.cli import simulate
 
-        return simulate.run(scene, view, simulate.Request(output), json, **machine)
+        return simulate.run(scene, view, simulate.Request(output), **machine)
     if not view.cameras:
-        return render_one(scene, view, engine, compare, heat_map, output, json, **machine)
+        return render_one(scene, view, engine, compare, heat_map, output, **machine)
     if heat_map:
         raise InputError("--heat-map: goes with one camera")
     shots = path.open_all(scene, view, engine == "golden", **machine)
     check_files(film, output, shots, scene, view.cameras)
     pictures = path.along(picture, shots, (engine, compare, film.beside), scheduler)
     rows = written(pictures, shots, film, output)
-    write_json(json, path.print_table(shots[0], rows, COLUMNS, engine))
+    return path.print_table(shots[0], rows, COLUMNS, engine)
 
 
 def render_one(
     scene: str, view: options.Viewing, engine: str, compare: bool, heat_map: Path | None,
-    output: Path, json: Path | None, **machine,
-):  # fmt: skip
-    """Render one picture, print its counts and write the results."""
+    output: Path, **machine,
+) -> Result:  # fmt: skip
+    """Render one picture, print its counts and return the results."""
     begin = time.perf_counter()
     shot = view.open(scene, **machine)
     result, frame, found = pictured(shot, engine, compare, begin)
@@ -157,7 +153,7 @@ def render_one(
     about = {"image": str(output), "seconds": result.seconds} | shot.source.stated
     describe.table(about | frame.counts).print()
     result.camera = view.camera or shot.camera.name
-    write_json(json, result)
+    return result
 
 
 def picture(shot: Shot, engine: str, compare: bool, beside: str | None) -> dict:

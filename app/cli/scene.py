@@ -7,7 +7,6 @@ from splatcore.app.cli import describe
 from splatcore.app.cli.commands import COMMANDS
 from splatcore.app.cli.options import (
     ANTIALIASED,
-    JSON,
     SOURCE,
     argument,
     command,
@@ -19,7 +18,7 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.common import notes
 from splatcore.sim.common import output as files
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.frame.reading import Marks, Reading
 from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.source import check_source, open_source
@@ -93,8 +92,7 @@ def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
 def info_command(
     reading: Marks,
     scene: str = SOURCE,
-    json: Path | None = JSON,
-):
+) -> dict:
     """Show the contents of a scene or packed model.
 
     Prints counts, extents, ranges of values, and notes on anything unusual.
@@ -104,4 +102,4 @@ def info_command(
         source = open_source(scene, Reading(**vars(reading)))
         facts = describe.describe(source)
     describe.table(facts, notes=True).print()
-    write_json(json, facts)
+    return facts

@@ -9,7 +9,7 @@ import typer
 
 from splatcore.app.cli import describe, options
 from splatcore.app.cli.options import RTL, option
-from splatcore.sim.common.output import check_distinct, check_writable, console, write_json
+from splatcore.sim.common.output import check_distinct, check_writable, console
 from splatcore.sim.frame.metric import Difference, Result, against, metrics_line
 from splatcore.sim.frame.picture import write_error_map, write_png
 from splatcore.sim.frame.shot import Shot, judge
@@ -84,21 +84,20 @@ def simulate_command(
     request: Request,
     scene: str = options.SOURCE,
     config: Config = options.PRESET,
-    background: str = options.BACKGROUND,
-    json: Path | None = options.JSON,
-):
+    background: tuple[float, float, float] = options.BACKGROUND,
+) -> dict:
     """Simulate the hardware in RTL: pictures, cycles, waveforms.
 
     Every frame is compared with the golden model's, to the bit, and with the reference's of the
     same packed model ("machine") and of the original scene ("scene"). Exit status 1 if a pixel
     differs from the golden model's.
     """
-    convention = replace(SPLATCORE, background=options.parse_colour(background))
-    run(scene, view, request, json, config=config, convention=convention)
+    convention = replace(SPLATCORE, background=background)
+    return run(scene, view, request, config=config, convention=convention)
 
 
-def run(scene: str, view: options.Viewing, request: Request, json: Path | None, **machine):
-    """Simulate frames in RTL, write and compare them; exit with status 1 if one is wrong.
+def run(scene: str, view: options.Viewing, request: Request, **machine) -> dict:
+    """Simulate frames in RTL, write and compare them; return the result for --json.
 
     machine: `config` and `convention`
     """
@@ -136,9 +135,8 @@ def run(scene: str, view: options.Viewing, request: Request, json: Path | None, 
         round(time.perf_counter() - begin, 3), expected[0].counts, packing=shots[0].packing,
         identical=all(same), **shot.source.stated, **against(metrics[0]),
     )  # fmt: skip
-    write_json(json, facts(done, result, metrics, same, find_timing(request.timing).name))
-    if not result.identical:
-        raise typer.Exit(1)
+    found = facts(done, result, metrics, same, find_timing(request.timing).name)
+    return options.result(found, not result.identical)
 
 
 def simulated(shots: list[Shot], request: Request, first: "pipeline.Frame") -> "Run":

@@ -2,19 +2,16 @@
 
 from collections import Counter
 from dataclasses import asdict, replace
-from pathlib import Path
-
-import typer
 
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.options import JSON, MACHINE, PRESET, command, listed, option
+from splatcore.app.cli.options import MACHINE, PRESET, command, listed, option, result
 from splatcore.eda import paper
 from splatcore.eda.fpga import fpga
 from splatcore.eda.gates.synth import memories
 from splatcore.hdl.stages import WHOLE
 from splatcore.hdl.top import Top
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import KB, Config
 from splatcore.spec.error import InputError
@@ -47,8 +44,7 @@ def fpga_command(
     ),
     device: str = option(fpga.DEVICES[-1], "NAME", f"Device, LFE5U: {listed(fpga.DEVICES)}."),
     speed: str = option(fpga.SPEEDS[0], "N", f"Speed grade: {listed(fpga.SPEEDS)}."),
-    json: Path | None = JSON,
-):
+) -> dict:
     if whole and stage:
         raise InputError("use --whole or --stage, not both")
     config = find_preset(preset or ("FPGA" if whole else "DEFAULT"))
@@ -82,9 +78,7 @@ def fpga_command(
     facts["failed"] = failed
     if whole:
         facts["seeds"] = [asdict(placed) for placed in found["whole"]]
-    write_json(json, facts)
-    if failed:
-        raise typer.Exit(1)
+    return result(facts, failed)
 
 
 def best(tried: list[fpga.Placed]) -> fpga.Placed:
@@ -113,7 +107,7 @@ def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed
 
 
 @command("memories")
-def memories_command(config: Config = PRESET, json: Path | None = JSON):
+def memories_command(config: Config = PRESET) -> dict:
     """List the on-chip memories of each stage, and of Chang and Chang's paper."""
     facts, rows = {}, []
     for name, parts in WHOLE.items():
@@ -133,7 +127,7 @@ def memories_command(config: Config = PRESET, json: Path | None = JSON):
     Table.of("memories", f"preset {config.name}", shown, rows).print()
     theirs = ", ".join(f"{name} {size}" for name, size in paper.MEMORIES.items())
     console.print(f"The paper (Chang and Chang): {sum(paper.MEMORIES.values())} KB ({theirs}).")
-    write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
+    return {"preset": config.name, "kilobytes": total, "stages": facts}
 
 
 def _kilobytes(memory: dict[str, int]) -> float:

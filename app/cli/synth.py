@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from splatcore.app.cli.options import FOLDER, JSON, PRESET, command, listed, option
+from splatcore.app.cli.options import FOLDER, PRESET, command, listed, option
 from splatcore.eda import paper
 from splatcore.eda.gates.machine_gates import synthesise_machine
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import progress_bar, write_json
+from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -34,8 +34,7 @@ def synth_command(
     output: Path | None = option(
         None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
     ),
-    json: Path | None = JSON,
-):
+) -> dict:
     """Synthesise stages or primitives; print their size and depth.
 
     Size is in NAND2-equivalents, with flip-flops, without memories (listed in bits). Depth is the
@@ -64,7 +63,7 @@ def synth_command(
             facts["stages"] = _synthesise_parts(config, parts)
         if "top" in stage:
             facts["top"] = synthesise_machine(config)
-    write_json(json, facts)
+    return facts
 
 
 COLUMNS = [Column("stage")] + [

@@ -6,7 +6,7 @@ import pytest
 import typer
 
 from splatcore.app.cli.main import register
-from splatcore.app.cli.options import JSON, NEW_FOLDER, Command, app, option, spread
+from splatcore.app.cli.options import NEW_FOLDER, Command, app, option, spread
 from splatcore.app.cli.reference import all_commands
 from splatcore.spec.error import InputError
 from tb.helpers.command import run, write_scene
@@ -28,9 +28,8 @@ def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
     @spread
     def make(
         output: Path = NEW_FOLDER,
-        json: Path | None = JSON,
         keep: bool = option(False, None, "Leave a file."),
-    ):
+    ) -> dict:
         (output / "parts").mkdir(parents=True)
         if keep:
             (output / "kept").touch()
