@@ -64,7 +64,7 @@ class Request:
         if self.scope and not self.waves:
             raise InputError("--scope: goes with --waves")
         if self.waves:
-            from splatcore.sim.machine.wave_kind import check_kind
+            from splatcore.sim.machine.wave_files import check_kind
 
             check_kind(self.waves)
         written = [("-o", self.picture(k)) for k in range(self.frames)]
@@ -145,7 +145,7 @@ def simulated(shots: list[Shot], request: Request, first: "pipeline.Frame") -> "
     first: the golden model's frame of the first one
     """
     from splatcore.sim.machine.path import build, simulate
-    from splatcore.sim.machine.wave_kind import check_kind
+    from splatcore.sim.machine.wave_files import check_kind
     from splatcore.sim.machine.waves import Window, write_waves
 
     config, jobs = shots[0].config, [shot.job for shot in shots]
@@ -163,9 +163,7 @@ def planned(
 ) -> "Recording":
     """Plan the recording and print its estimated size; raise InputError if it is too large."""
     from splatcore.sim.cycles.frame import frame_cycles
-    from splatcore.sim.machine.wave_kind import DEEPEST, check_kind
-    from splatcore.sim.machine.wave_names import find_scope, within
-    from splatcore.sim.machine.wave_size import estimate
+    from splatcore.sim.machine.wave_files import DEEPEST, check_kind, estimate, find_scope, within
     from splatcore.sim.machine.waves import Recording, names_of
 
     timing, names = find_timing(request.timing), names_of(machine)

@@ -59,7 +59,7 @@ def faults_command(runs: Runs):
     identical to the golden model's. Results already in DIR are kept as long as the code is the
     same. Writes DIR/faults.json; exit status 1 if anything is wrong.
     """
-    from splatcore.sim.soak.faults import fault_run
+    from splatcore.sim.soak.fault_kinds import fault_run
 
     finish("faults", run("faults", fault_run, runs, range(runs.count)), runs, "kind", ())
 
