@@ -148,7 +148,8 @@ class Table:
             drawn.add_row(*row, style="bold" if strong else "")
             drawn.rows[-1].end_section = not strong and number + 1 in self.strong
         room = console.options.update(max_width=WIDEST)
-        Console(width=Measurement.get(console, room, drawn).maximum).print(drawn)
+        width = Measurement.get(console, room, drawn).maximum
+        Console(width=width, highlight=False, markup=False).print(drawn)
 
 
 def shown(value: float | None, form: str, scale: float = 1, none: str = NONE) -> str:
