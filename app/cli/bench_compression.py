@@ -1,5 +1,6 @@
 """The command `bench compression`: the paper's measurements of compression."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from splatcore.app.cli.bench import PIXELS, finish
@@ -18,7 +19,7 @@ from splatcore.eda.cells.liberty import Library
 from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
 from splatcore.sim.common.choice import check_known, numbers
 from splatcore.sim.common.output import make_folder
-from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.reading import AS_STATED, Reading
 from splatcore.sim.frame.size import parse_size
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
@@ -34,34 +35,23 @@ ALL_PARTS, ALL_RATIOS = ",".join(BY_ITSELF), ",".join(f"{ratio:g}" for ratio in 
 VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # as on the command line
 
 
-@command("bench compression")
-def compression_command(
-    reading: Reading,
-    output: Path = KEPT_FOLDER,
-    scene: list[str] | None = argument(
-        None,
-        "SCENE …",
-        "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
-        f"{listed(SCENES)} in the folder SPLATCORE_SCENES.",
-    ),
-    part: str = option(ALL_PARTS, "PART,PART,…", "Parts to measure; see above."),
+@dataclass(frozen=True)
+class Learning(Reading):
+    """The options of all subjects, as in `Protocol`."""
+
     steps: int | None = option(
         None,
         "N",
         "Fine-tuning steps after each pruning; other steps in proportion.",
         panel=TRAINING,
-    ),
+    )
     train_steps: int = option(
         DEFAULTS.train_steps, "N", "Steps to train a scene from photographs first.", panel=TRAINING
-    ),
-    ratios: str = option(ALL_RATIOS, "R,R,…", "Compression ratios of the curve."),
-    schedule_scene: str | None = option(
-        None, "SCENE", "Scene for the comparison of schedules. Default: banana, else the first."
-    ),
+    )
     views: int = option(
         DEFAULTS.views, "N", "Pictures to learn from, of a scene without photographs.", panel=LEARN
-    ),
-    view_size: str = option(VIEW_SIZE, "WxH", "Pixels of the pictures to learn from.", panel=LEARN),
+    )
+    view_size: str = option(VIEW_SIZE, "WxH", "Pixels of the pictures to learn from.", panel=LEARN)
     beside: float | None = option(
         DEFAULTS.beside,
         "S",
@@ -70,17 +60,17 @@ def compression_command(
         min=0,
         max=1,
         panel=LEARN,
-    ),
-    size: str = PIXELS,
+    )
+    size: str = PIXELS
     scale: float = option(
         DEFAULTS.scale, "S", "Shrink the photographs by this factor, 0 … 1.", panel=LEARN
-    ),
+    )
     rate: float = option(
         DEFAULTS.rate, "S", "Factor on the default learning rates.", panel=TRAINING
-    ),
+    )
     order: str = option(
         DEFAULTS.order, "ORDER", "distill-first, or prune-first as in the paper.", panel=TRAINING
-    ),
+    )
     degree: int | None = option(
         DEFAULTS.degree,
         "N",
@@ -89,15 +79,44 @@ def compression_command(
         min=0,
         max=3,
         panel=MACHINE,
-    ),
+    )
     quality: str | None = option(
         DEFAULTS.quality,
         "NAME",
         f"Packing. Degree 2 or 3: {' or '.join(STEPPED)} (default {STEPPED[0]}); degree 0 or 1: "
         f"{' or '.join(INDEXED)} (default: chosen for a target, else {COMPACT}).",
         panel=MACHINE,
+    )
+    seed: int = option(DEFAULTS.seed, "S", "Random seed.", panel=TRAINING)
+
+    def protocol(self, config: Config) -> Protocol:
+        """Return the protocol; raise InputError for impossible options."""
+        own = {name: value for name, value in vars(self).items() if name not in vars(AS_STATED)}
+        for name, minimum in (("steps", 0), ("train_steps", 1), ("views", 1)):
+            at_least(f"--{name.replace('_', '-')}", own[name], minimum)
+        sizes = {name: parse_size(own[name]) for name in ("view_size", "size")}
+        if not 0 < self.scale <= 1:
+            raise InputError(f"--scale {self.scale:g}: must be above 0 and at most 1")
+        made = Protocol(config, **own | sizes, reading=self.reading)
+        _ = made.recipe  # raises InputError for an impossible recipe
+        return made
+
+
+@command("bench compression")
+def compression_command(
+    learning: Learning,
+    output: Path = KEPT_FOLDER,
+    scene: list[str] | None = argument(
+        None,
+        "SCENE …",
+        "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
+        f"{listed(SCENES)} in the folder SPLATCORE_SCENES.",
     ),
-    seed: int = option(DEFAULTS.seed, "S", "Random seed.", panel=TRAINING),
+    part: str = option(ALL_PARTS, "PART,PART,…", "Parts to measure; see above."),
+    ratios: str = option(ALL_RATIOS, "R,R,…", "Compression ratios of the curve."),
+    schedule_scene: str | None = option(
+        None, "SCENE", "Scene for the comparison of schedules. Default: banana, else the first."
+    ),
     config: Config = PRESET,
     liberty: str | None = LIBERTY,
     process: float | None = PROCESS,
@@ -116,14 +135,7 @@ def compression_command(
     Writes DIR/compression.json, one CSV file per part, curve.png and one contact sheet per scene.
     Results already in DIR are kept.
     """
-    protocol = Protocol(
-        config, at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
-        at_least("--views", views), parse_size(view_size), beside, parse_size(size), scale, seed,
-        rate, order, degree, quality, reading,
-    )  # fmt: skip
-    if not 0 < scale <= 1:
-        raise InputError(f"--scale {scale:g}: must be above 0 and at most 1")
-    _ = protocol.recipe  # raises InputError for an impossible recipe
+    protocol = learning.protocol(config)
     found = find(list(scene or ()))
     chosen = scheduled(schedule_scene, [Path(path).resolve().name for path in found])
     parts, wanted = parse_parts(part), parse_ratios(ratios)
@@ -146,11 +158,10 @@ def scheduled(asked: str | None, names: list[str]) -> str:
     return chosen
 
 
-def at_least(option: str, value: int | None, minimum: int = 1) -> int | None:
-    """Return the number; raise InputError if it is below a minimum."""
+def at_least(option: str, value: int | None, minimum: int):
+    """Raise InputError if a number is below a minimum."""
     if value is not None and value < minimum:
         raise InputError(f"{option} {value}: must be {minimum} or more")
-    return value
 
 
 def parse_parts(text: str) -> list[str]:

@@ -42,6 +42,12 @@ class SceneView(Viewing):
     size: str | None = option(
         None, "WxH", "Pixels; hard cases keep their own size unless named as SCENE.", panel=SCENE
     )
+    scenes: str | None = option(
+        None,
+        "DIR",
+        "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes.",
+        panel=SCENE,
+    )
 
 
 BUDGET = (
@@ -162,12 +168,6 @@ def error_command(
         "NAME",
         "Stage to measure: project, sort or raster; or all: the budget of a picture.",
     ),
-    scenes: str | None = option(
-        None,
-        "DIR",
-        "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes.",
-        panel=SCENE,
-    ),
     width: list[str] | None = option(
         None, "E/F", "Machine with E exponent and F fraction bits; may be repeated.", panel=MACHINE
     ),
@@ -207,9 +207,9 @@ def error_command(
 
     machines = [*map(find_preset, machine or ()), *map(with_width, width or ())]
     check_stage(stage, quality, len(machines))
-    if scene and scenes:
-        raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
-    views = named(scene, *seen) if scene else everything(scenes, *seen)
+    if scene and view.scenes:
+        raise InputError(f"--scenes {view.scenes}: name a folder or a SCENE, not both")
+    views = named(scene, *seen) if scene else everything(view.scenes, *seen)
     if not (scene or STAGES[stage].hard):
         views = {name: each for name, each in views.items() if name not in HARD}
     found = STAGES[stage].measure(views, machines, quality, bool(scene))

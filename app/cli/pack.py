@@ -1,6 +1,6 @@
 """The command `pack`: a scene as a packed model for the machine."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,27 +24,44 @@ from splatcore.spec.error import InputError
 PSNR_MAX = 100.0  # more than 8-bit pictures can show
 
 
-@options.command("pack")
-def pack_command(
-    view: options.Cameras,
-    scene: str = options.ONE_SCENE,
-    output: Path = options.MODEL,
+@dataclass(frozen=True)
+class Wanted:
+    """The options of packing. Raises InputError for an unknown quality, a PSNR out of range, or
+    both options together."""
+
     quality: str | None = option(
         None,
         "NAME",
         "small (11.5 bytes per Gaussian; for scenes fine-tuned to it), compact (22), balanced "
         f"(up to 38) or faithful (up to 54). {options.SMALLEST} in every view.",
         panel=options.MACHINE,
-    ),
+    )
     psnr: float | None = option(
         None,
         "DB",
         "Smallest model with at least DB against the scene, chosen chunk by chunk.",
         panel=options.MACHINE,
-    ),
+    )
     sh_degree: int | None = option(
         None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
-    ),
+    )
+
+    def __post_init__(self):
+        quality, psnr = self.quality, self.psnr
+        if quality is not None:
+            check_known("--quality", QUALITIES, quality)
+            if psnr is not None:
+                raise InputError("use --psnr or --quality, not both")
+        if psnr is not None and not 0 < psnr <= PSNR_MAX:
+            raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
+
+
+@options.command("pack")
+def pack_command(
+    view: options.Cameras,
+    wanted: Wanted,
+    scene: str = options.ONE_SCENE,
+    output: Path = options.MODEL,
     config: Config = options.PRESET,
     plain: bool = options.PLAIN,
 ) -> dict:
@@ -56,7 +73,7 @@ def pack_command(
     "bytes" is the size in memory, "file bytes" the size of the coded file. For a file to be loaded
     directly into DRAM, use --plain.
     """
-    check_wanted(quality, psnr)
+    psnr = wanted.psnr
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, view.reading)
         original = source.unpacked
@@ -64,8 +81,8 @@ def pack_command(
     from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
     from splatcore.sim.frame.choose import Views, choose, smallest
 
-    if sh_degree is not None:
-        config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
+    if wanted.sh_degree is not None:
+        config = replace(config, sh_degree=min(wanted.sh_degree, config.sh_degree))
     with progress_bar("rendering the scene") as advance:
         progress = partial(advance, 0, None)
         seen = Views.of(original, views)
@@ -74,7 +91,7 @@ def pack_command(
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, progress)
         else:
-            packed = choose(original, config, seen, quality, progress=progress)
+            packed = choose(original, config, seen, wanted.quality, progress=progress)
         losses = psnr_by_part(original, packed.model, seen, progress)
     parts = bytes_by_part(packed.model)
     for line in packed.report.notes:
@@ -91,16 +108,6 @@ def pack_command(
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
     return facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses}
-
-
-def check_wanted(quality: str | None, psnr: float | None):
-    """Raise InputError for an unknown quality, a PSNR out of range, or both options together."""
-    if quality is not None:
-        check_known("--quality", QUALITIES, quality)
-        if psnr is not None:
-            raise InputError("use --psnr or --quality, not both")
-    if psnr is not None and not 0 < psnr <= PSNR_MAX:
-        raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
 
 
 def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:
