@@ -134,9 +134,10 @@ class Table:
     def print(self):
         """Print the table at its full width, on any terminal; highlighted rows are bold, below a
         line."""
+        headed = any(column.heading for column in self.columns)
         drawn = RichTable(
-            box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=self.caption or None,
-            show_header=any(column.heading for column in self.columns),
+            box=box.SIMPLE_HEAD if headed else None, padding=(0, 1, 0, 0), pad_edge=headed,
+            show_header=headed, title=self.caption or None,
         )  # fmt: skip
         for number, column in enumerate(self.columns):
             right = column.digits is not None
