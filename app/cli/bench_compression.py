@@ -1,25 +1,28 @@
 """The command `bench compression`: the paper's measurements of compression."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from splatcore.app.cli.bench import SIZE, FolderOption, PixelsOption, bench, finish
-from splatcore.app.cli.compress_options import LEARN, TRAINING
+from splatcore.app.cli.bench import PIXELS, finish
+from splatcore.app.cli.compress import LEARN, TRAINING
 from splatcore.app.cli.options import (
+    KEPT_FOLDER,
     MACHINE,
-    PresetOption,
+    PRESET,
     argument,
+    command,
+    listed,
     option,
 )
-from splatcore.app.cli.power import LibertyOption, ProcessOption, checked_library
+from splatcore.app.cli.power import LIBERTY, PROCESS, checked_library
 from splatcore.eda.cells.liberty import Library
 from splatcore.model.pack.quality import COMPACT, INDEXED, STEPPED
-from splatcore.sim.common.choice import check_known
+from splatcore.sim.common.choice import check_known, numbers
 from splatcore.sim.common.output import make_folder
-from splatcore.sim.frame.reading import Reading
+from splatcore.sim.frame.reading import AS_STATED, Reading
 from splatcore.sim.frame.size import parse_size
-from splatcore.spec.config import DEFAULT
+from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 from splatcore.study.compression import run as compression_run
 from splatcore.study.compression.bench import BY_ITSELF, PARTS, RATIOS, RESULT, bench_compression
 from splatcore.study.compression.plot import write_curve
@@ -32,83 +35,91 @@ ALL_PARTS, ALL_RATIOS = ",".join(BY_ITSELF), ",".join(f"{ratio:g}" for ratio in 
 VIEW_SIZE = "x".join(map(str, DEFAULTS.view_size))  # as on the command line
 
 
-ScenesArgument = argument(
-    list[str] | None,
-    "SCENE …",
-    "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
-    f"{', '.join(SCENES)} in the folder SPLATCORE_SCENES.",
-)
-PartOption = option(str, "PART,PART,…", "Parts to measure; see above.")
-StepsOption = option(
-    int | None,
-    "N",
-    "Fine-tuning steps after each pruning; other steps in proportion.",
-    panel=TRAINING,
-)
-TrainStepsOption = option(
-    int, "N", "Steps to train a scene from photographs first.", panel=TRAINING
-)
-RatiosOption = option(str, "R,R,…", "Compression ratios of the curve.")
-ScheduleSceneOption = option(
-    str | None, "SCENE", "Scene for the comparison of schedules. Default: banana, else the first."
-)
-ViewsOption = option(
-    int, "N", "Pictures to learn from, of a scene without photographs.", panel=LEARN
-)
-ViewSizeOption = option(str, "WxH", "Pixels of the pictures to learn from.", panel=LEARN)
-ScaleOption = option(float, "S", "Shrink the photographs by this factor, 0 … 1.", panel=LEARN)
-OrderOption = option(str, "ORDER", "distill-first, or prune-first as in the paper.", panel=TRAINING)
-SeedOption = option(int, "S", "Random seed.", panel=TRAINING)
-BesideOption = option(
-    float | None,
-    "S",
-    "With --cameras: share of the views off the path, up to 15° aside, at 0.8 to 1.25 times its "
-    f"distance. Default: {compression_run.BESIDE_SHARE:g}.",
-    min=0,
-    max=1,
-    panel=LEARN,
-)
-RateOption = option(float, "S", "Factor on the default learning rates.", panel=TRAINING)
-DegreeOption = option(
-    int | None,
-    "N",
-    "Degree of the model's harmonics; from 2 on it is packed in steps. Default: chosen by trials.",
-    min=0,
-    max=3,
-    panel=MACHINE,
-)
-QualityOption = option(
-    str | None,
-    "NAME",
-    f"Packing. Degree 2 or 3: {' or '.join(STEPPED)} (default {STEPPED[0]}); degree 0 or 1: "
-    f"{' or '.join(INDEXED)} (default: chosen for a target, else {COMPACT}).",
-    panel=MACHINE,
-)
+@dataclass(frozen=True)
+class Learning(Reading):
+    """The options of all subjects, as in `Protocol`."""
+
+    steps: int | None = option(
+        None,
+        "N",
+        "Fine-tuning steps after each pruning; other steps in proportion.",
+        panel=TRAINING,
+    )
+    train_steps: int = option(
+        DEFAULTS.train_steps, "N", "Steps to train a scene from photographs first.", panel=TRAINING
+    )
+    views: int = option(
+        DEFAULTS.views, "N", "Pictures to learn from, of a scene without photographs.", panel=LEARN
+    )
+    view_size: str = option(VIEW_SIZE, "WxH", "Pixels of the pictures to learn from.", panel=LEARN)
+    beside: float | None = option(
+        DEFAULTS.beside,
+        "S",
+        "With --cameras: share of the views off the path, up to 15° aside, at 0.8 to 1.25 times "
+        f"its distance. Default: {compression_run.BESIDE_SHARE:g}.",
+        min=0,
+        max=1,
+        panel=LEARN,
+    )
+    size: str = PIXELS
+    scale: float = option(
+        DEFAULTS.scale, "S", "Shrink the photographs by this factor, 0 … 1.", panel=LEARN
+    )
+    rate: float = option(
+        DEFAULTS.rate, "S", "Factor on the default learning rates.", panel=TRAINING
+    )
+    order: str = option(
+        DEFAULTS.order, "ORDER", "distill-first, or prune-first as in the paper.", panel=TRAINING
+    )
+    degree: int | None = option(
+        DEFAULTS.degree,
+        "N",
+        "Degree of the model's harmonics; from 2 on it is packed in steps. "
+        "Default: chosen by trials.",
+        min=0,
+        max=3,
+        panel=MACHINE,
+    )
+    quality: str | None = option(
+        DEFAULTS.quality,
+        "NAME",
+        f"Packing. Degree 2 or 3: {' or '.join(STEPPED)} (default {STEPPED[0]}); degree 0 or 1: "
+        f"{' or '.join(INDEXED)} (default: chosen for a target, else {COMPACT}).",
+        panel=MACHINE,
+    )
+    seed: int = option(DEFAULTS.seed, "S", "Random seed.", panel=TRAINING)
+
+    def protocol(self, config: Config) -> Protocol:
+        """Return the protocol; raise InputError for impossible options."""
+        own = {name: value for name, value in vars(self).items() if name not in vars(AS_STATED)}
+        for name, minimum in (("steps", 0), ("train_steps", 1), ("views", 1)):
+            at_least(f"--{name.replace('_', '-')}", own[name], minimum)
+        sizes = {name: parse_size(own[name]) for name in ("view_size", "size")}
+        if not 0 < self.scale <= 1:
+            raise InputError(f"--scale {self.scale:g}: must be above 0 and at most 1")
+        made = Protocol(config, **own | sizes, reading=self.reading)
+        _ = made.recipe  # raises InputError for an impossible recipe
+        return made
 
 
-@bench.command("compression")
+@command("bench compression")
 def compression_command(
-    output: FolderOption,
-    reading: Reading,
-    scene: ScenesArgument = None,
-    part: PartOption = ALL_PARTS,
-    steps: StepsOption = None,
-    train_steps: TrainStepsOption = DEFAULTS.train_steps,
-    ratios: RatiosOption = ALL_RATIOS,
-    schedule_scene: ScheduleSceneOption = None,
-    views: ViewsOption = DEFAULTS.views,
-    view_size: ViewSizeOption = VIEW_SIZE,
-    beside: BesideOption = DEFAULTS.beside,
-    size: PixelsOption = SIZE,
-    scale: ScaleOption = DEFAULTS.scale,
-    rate: RateOption = DEFAULTS.rate,
-    order: OrderOption = DEFAULTS.order,
-    degree: DegreeOption = DEFAULTS.degree,
-    quality: QualityOption = DEFAULTS.quality,
-    seed: SeedOption = DEFAULTS.seed,
-    preset: PresetOption = "DEFAULT",
-    liberty: LibertyOption = None,
-    process: ProcessOption = None,
+    learning: Learning,
+    output: Path = KEPT_FOLDER,
+    scene: list[str] | None = argument(
+        None,
+        "SCENE …",
+        "Scene files or folders of photographs (COLMAP, transforms.json). Default: "
+        f"{listed(SCENES)} in the folder SPLATCORE_SCENES.",
+    ),
+    part: str = option(ALL_PARTS, "PART,PART,…", "Parts to measure; see above."),
+    ratios: str = option(ALL_RATIOS, "R,R,…", "Compression ratios of the curve."),
+    schedule_scene: str | None = option(
+        None, "SCENE", "Scene for the comparison of schedules. Default: banana, else the first."
+    ),
+    config: Config = PRESET,
+    liberty: str | None = LIBERTY,
+    process: float | None = PROCESS,
 ):
     """Compress scenes; measure size, loss and machine work.
 
@@ -124,14 +135,7 @@ def compression_command(
     Writes DIR/compression.json, one CSV file per part, curve.png and one contact sheet per scene.
     Results already in DIR are kept.
     """
-    protocol = Protocol(
-        find_preset(preset), at_least("--steps", steps, 0), at_least("--train-steps", train_steps),
-        at_least("--views", views), parse_size(view_size), beside, parse_size(size), scale, seed,
-        rate, order, degree, quality, reading,
-    )  # fmt: skip
-    if not 0 < scale <= 1:
-        raise InputError(f"--scale {scale:g}: must be above 0 and at most 1")
-    _ = protocol.recipe  # raises InputError for an impossible recipe
+    protocol = learning.protocol(config)
     found = find(list(scene or ()))
     chosen = scheduled(schedule_scene, [Path(path).resolve().name for path in found])
     parts, wanted = parse_parts(part), parse_ratios(ratios)
@@ -154,11 +158,10 @@ def scheduled(asked: str | None, names: list[str]) -> str:
     return chosen
 
 
-def at_least(option: str, value: int | None, minimum: int = 1) -> int | None:
-    """Return the number; raise InputError if it is below a minimum."""
+def at_least(option: str, value: int | None, minimum: int):
+    """Raise InputError if a number is below a minimum."""
     if value is not None and value < minimum:
         raise InputError(f"{option} {value}: must be {minimum} or more")
-    return value
 
 
 def parse_parts(text: str) -> list[str]:
@@ -180,10 +183,7 @@ def cells_for(
 
 def parse_ratios(text: str) -> tuple[float, ...]:
     """Parse ratios above 1 separated by commas; return them in ascending order."""
-    try:
-        ratios = tuple(sorted(set(map(float, text.split(",")))))
-    except ValueError:
-        raise InputError(f"--ratios '{text}': must be numbers separated by commas") from None
+    ratios = tuple(sorted(set(numbers("--ratios", text))))
     if not all(1 < ratio < 10_000 for ratio in ratios):
         raise InputError(f"--ratios '{text}': must all be above 1 and below 10,000")
     return ratios

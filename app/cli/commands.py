@@ -89,7 +89,7 @@ COMMANDS = {
         "-o registers",
     ),
     "example": Entry(
-        "example", HARDWARE, "Write a self-contained folder in which Verilog renders a frame.",
+        "verilog", HARDWARE, "Write a self-contained folder in which Verilog renders a frame.",
         "-o example",
     ),
     "synth": Entry(
@@ -129,27 +129,27 @@ COMMANDS = {
         "cache", REPORT, "Show or clear the cache of compiled machines and synthesis results."
     ),
     "bench sort": Entry(
-        "bench_sort", MEASURE, "Measure the cycles of sorting, with stage 2 simulated in RTL.",
+        "bench", MEASURE, "Measure the cycles of sorting, with stage 2 simulated in RTL.",
         "-o sort --preset tiny --lengths 100,1000",
     ),
     "bench scenes": Entry(
-        "bench_views", MEASURE, "Render scenes in RTL: cycles, memory traffic, correctness.",
+        "bench", MEASURE, "Render scenes in RTL: cycles, memory traffic, correctness.",
         "garden -o scenes --preset tiny --size 64x64",
     ),
     "bench sweep": Entry(
-        "bench_views", MEASURE, "Compare many machines on many scenes: speed, error, gates.",
+        "bench", MEASURE, "Compare many machines on many scenes: speed, error, gates.",
         "garden -o sweep --size 640x360",
     ),
     "bench ablation": Entry(
-        "bench_views", MEASURE, "Measure the gain of culling, zero skipping and early termination.",
+        "bench", MEASURE, "Measure the gain of culling, zero skipping and early termination.",
         "garden -o ablation --size 640x360",
     ),
     "bench rule": Entry(
-        "bench_rule", MEASURE, "Compare faintness rules: cycles of stage 3 against error.",
+        "bench", MEASURE, "Compare faintness rules: cycles of stage 3 against error.",
         "garden -o rule --size 640x360",
     ),
     "bench quality": Entry(
-        "bench_quality", MEASURE, "Measure bytes per Gaussian against dB for each way to pack.",
+        "bench", MEASURE, "Measure bytes per Gaussian against dB for each way to pack.",
         "garden -o quality --size 640x360",
     ),
     "bench compression": Entry(
@@ -157,19 +157,19 @@ COMMANDS = {
         "garden -o out --part steps --steps 40",
     ),
     "board write": Entry(
-        "board_runs", FPGA, "Write the files for a ULX3S board: Verilog, pins and a Makefile.",
+        "board", FPGA, "Write the files for a ULX3S board: Verilog, pins and a Makefile.",
         "-o ulx",
     ),
     "board render": Entry(
-        "board_runs", FPGA, "Render a frame on a board and compare it with the golden model.",
+        "board", FPGA, "Render a frame on a board and compare it with the golden model.",
         "garden --board ulx --port /dev/ttyS0 -o a.png",
     ),
     "soak frames": Entry(
-        "soak_runs", HARDWARE, "Render random small scenes in RTL, against the golden model.",
+        "soak", HARDWARE, "Render random small scenes in RTL, against the golden model.",
         "-o soak --count 40",
     ),
     "soak faults": Entry(
-        "soak_runs", HARDWARE, "Inject random faults in RTL: each must be reported, none may hang.",
+        "soak", HARDWARE, "Inject random faults in RTL: each must be reported, none may hang.",
         "-o soak --count 20",
     ),
 }  # fmt: skip
@@ -198,12 +198,26 @@ GONE = (
 )
 """Commands and options of earlier versions, and what to use instead."""
 
-GROUPS = {"bench": (MEASURE, "bench scenes"), "board": (FPGA, "board write"),
-          "soak": (HARDWARE, "soak frames")}  # fmt: skip
-"""Groups of commands: their purpose, and the command whose example their help shows."""
+
+class Group(NamedTuple):
+    """A group of commands. example: the command whose example its help shows"""
+
+    purpose: str
+    example: str
+    help: str
+
+
+GROUPS = {
+    "bench": Group(MEASURE, "bench scenes", "Measure many scenes or machines in one run."),
+    "board": Group(FPGA, "board write", "Build the machine for an FPGA board and use it."),
+    "soak": Group(
+        HARDWARE, "soak frames", "Random frames and faults in RTL, against the golden model."
+    ),
+}
+"""Groups of commands, by the first word of their commands."""
 
 
 def example(name: str) -> str:
     """Return the example of a command, group, or "" (the program) as a command line."""
-    name = GROUPS[name][1] if name in GROUPS else name or "render"
+    name = GROUPS[name].example if name in GROUPS else name or "render"
     return f"splatcore {name} {COMMANDS[name].arguments}".strip()

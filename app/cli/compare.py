@@ -3,12 +3,10 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.table import Table
-
 from splatcore.app.cli import describe, options, path
-from splatcore.app.cli.bench import SchedulerOption
-from splatcore.app.cli.options import argument, option
-from splatcore.sim.common.output import console, write_json
+from splatcore.app.cli.options import argument, listed, option
+from splatcore.sim.common.output import console
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import (
     LEVELS,
     Compared,
@@ -20,40 +18,47 @@ from splatcore.sim.frame.metric import (
 from splatcore.sim.frame.picture import read_png, write_error_map
 from splatcore.sim.frame.shot import ENGINES, Shot
 from splatcore.sim.frame.unseen import note_empty
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
-
-ImagesArgument = argument(
-    list[str],
-    "A.png|ENGINE B.png|ENGINE …",
-    f"The first is the reference for the others. ENGINE: {', '.join(ENGINES)}.",
-)
-SceneOption = option(
-    str | None, "SCENE|MODEL", "Scene or model that engines render.", panel=options.SCENE
-)
-OutputOption = option(
-    Path | None, "MAP.png", "Draw an error map of the second image.", "-o", panel=options.OUTPUT
-)
 
 MACHINES = {"golden", "rtl"}
 
 MEANING = {"machine": "the packed model", "scene": "the original scene"}
 """Gaussians that the reference renders, by the name of a row of golden or rtl."""
 
-COLUMNS = path.ERRORS | {"SSIM, machine": path.cell("ssim_machine", form=".5f")}
+COLUMNS = [*path.ERRORS, Column("SSIM, machine", digits=5, get="ssim_machine")]
 """Columns of a table of cameras."""
 
 
-@options.app.command("compare")
+ERRORS = (
+    Column("image"),
+    Column("against"),
+    Column("PSNR dB", digits=2, get="psnr_db", none="identical"),
+    Column("SSIM", digits=5, get="ssim"),
+    Column(
+        "max error",
+        digits=4,
+        get=lambda row: f"{row['max_error']:.4f} ({round(row['max_error'] * LEVELS)} of {LEVELS})",
+    ),
+)
+"""Columns of a table of images."""
+
+
+@options.command("compare")
 def compare_command(
-    images: ImagesArgument,
     view: options.Cameras,
-    scene: SceneOption = None,
-    preset: options.PresetOption = "DEFAULT",
-    scheduler: SchedulerOption = None,
-    output: OutputOption = None,
-    json: options.JsonOption = None,
-):
+    images: list[str] = argument(
+        ...,
+        "A.png|ENGINE B.png|ENGINE …",
+        f"The first is the reference for the others. ENGINE: {listed(ENGINES)}.",
+    ),
+    scene: str | None = option(
+        None, "SCENE|MODEL", "Scene or model that engines render.", panel=options.SCENE
+    ),
+    config: Config = options.PRESET,
+    scheduler: str | None = options.SCHEDULER,
+    output: Path | None = option(None, "MAP.png", "Draw an error map of the second image."),
+) -> dict:
     """Compare images with the first one: PSNR, SSIM and maximum error.
 
     An image is a PNG file, or an engine, which renders --scene from --camera. Next to golden or
@@ -64,14 +69,13 @@ def compare_command(
     path.check(view, scheduler)
     if len(images) < 2:
         raise InputError("compare: needs at least two images")
-    config, drawn, shot = find_preset(preset), {}, None
+    drawn, shot = {}, None
     if view.cameras:
         if images != ["reference", "golden"] or scene is None or output:
             raise InputError("--cameras: needs reference golden --scene SCENE, and no -o")
         shots = path.open_all(scene, view, True, config=config)
         rows = list(path.along(compared_view, shots, scheduler=scheduler))
-        write_json(json, path.print_table(shots[0], rows, COLUMNS, "golden against reference"))
-        return
+        return path.print_table(shots[0], rows, COLUMNS, "golden against reference")
     for text in images:
         if text not in ENGINES:
             drawn[text] = read_png(text)
@@ -86,12 +90,12 @@ def compare_command(
     truth = (results := [result for result, _ in found])[0].against
     print_errors(images[0], found)
     if shot:
-        console.print(describe.antialiased_line(shot.source), soft_wrap=True)
+        console.print(describe.antialiased_line(shot.source))
     if output:
         psnr = "identical" if results[0].identical else f"{results[0].psnr_db:.2f} dB"
         title = f"{images[1]} against {truth}: {psnr}"
         write_error_map(output, drawn[images[1]], drawn[images[0]], title)
-    write_json(json, results[0] if len(results) == 1 else {"images": [vars(r) for r in results]})
+    return results[0] if len(results) == 1 else {"images": [vars(r) for r in results]}
 
 
 def compared(
@@ -124,15 +128,15 @@ def print_errors(first: str, found: list[tuple[Compared, dict[str, Difference]]]
 
     first: the image that the others are compared with
     """
-    headings = "image", "against", "PSNR dB", "SSIM", "max error"
-    table = Table(*headings, title=f"against {first}")
-    for result, rows in found:
-        for name, one in rows.items():
-            table.add_row(result.engine, name, *cells(one))
-    console.print(table)
+    rows = [
+        vars(one) | {"image": result.engine, "against": name}
+        for result, some in found
+        for name, one in some.items()
+    ]
+    Table.of("compare", f"against {first}", ERRORS, rows).print()
     if names := [name for name in MEANING if any(name in rows for _, rows in found)]:
         lines = (f"{name}: reference on {MEANING[name]}" for name in names)
-        console.print("; ".join(lines), soft_wrap=True)
+        console.print("; ".join(lines))
 
 
 def compared_view(shot: Shot) -> dict:
@@ -143,15 +147,6 @@ def compared_view(shot: Shot) -> dict:
         images, drawn, shot.config.name, shot.source.name, shot.camera.name, shot
     )
     return vars(result) | {"counts": counts, "packing": shot.packing}
-
-
-def cells(metrics: Difference) -> tuple[str, str, str]:
-    """Return PSNR, SSIM and maximum error as texts of the table."""
-    return (
-        "identical" if metrics.identical else f"{metrics.psnr_db:.2f}",
-        "–" if metrics.ssim is None else f"{metrics.ssim:.5f}",
-        f"{metrics.max_error:.4f} ({round(metrics.max_error * LEVELS)} of {LEVELS})",
-    )
 
 
 def rendered(images: list[str], shot: Shot) -> tuple[dict, dict]:

@@ -1,13 +1,13 @@
 """The commands `train` (photographs to a scene) and `compress` (a scene to a small model)."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from splatcore.app.cli import compress_options as own
 from splatcore.app.cli import options
 from splatcore.app.cli.commands import COMMANDS
+from splatcore.app.cli.options import SCENE, argument, option
 from splatcore.app.cli.recipe_file import KEYS, Pictures, named, read_recipe
 from splatcore.model.compress.checkpoint import Checkpoints, ply_bytes
 from splatcore.model.compress.recipe import Recipe
@@ -16,7 +16,7 @@ from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.common import output as files
 from splatcore.sim.common.cache import digest
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.table import shown
 from splatcore.sim.frame.metric import difference
 from splatcore.sim.frame.reading import Reading
@@ -25,27 +25,71 @@ from splatcore.sim.frame.source import open_source
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.preset import find_preset
 from splatcore.spec.scene import ARRAYS, Gaussians, Scene
 from splatcore.study.compression import run
 from splatcore.study.compression.steps_table import table_of, trials_of
 
+LEARN = "Pictures to learn from"
+TARGET = "Target (at most one)"
+TRAINING = "Training"
+"""Headings of options in --help."""
+
+WORK = option(
+    None, "DIR", "Folder for the state of each step. Default: the output's name + .steps."
+)
+
 LOSS_VIEWS = 4  # views for the loss if there are no photographs
 
 
-@options.app.command("train")
+@dataclass(frozen=True)
+class Targets:
+    """The options of targets, of which one at most is given."""
+
+    target_ratio: float | None = option(
+        None, "R", "Size of the scene as float32 PLY, divided by R.", panel=TARGET
+    )
+    target_bytes: int | None = option(None, "N", "At most N bytes in memory.", panel=TARGET)
+    target_psnr: float | None = option(
+        None, "DB", "Smallest model with at least DB on held-out pictures.", panel=TARGET
+    )
+    target_fps: float | None = option(
+        None, "F", "Best model that reaches F frames per second, by the cycle model.", panel=TARGET
+    )
+    max_drop: float | None = option(
+        None, "DB", "Smallest model that loses at most DB on held-out photographs.", panel=TARGET
+    )
+
+
+@options.command("train")
 def train_command(
-    folder: own.FolderArgument,
-    output: own.OutputOption,
-    steps: own.StepsOption = 7000,
-    scale: own.ScaleOption = 1.0,
-    hold_out: own.HoldOutOption = 7,
-    seed: own.SeedOption = 0,
-    work: own.WorkOption = None,
-    antialiased: own.TrainedAntialiasedOption = False,
-    near: options.NearOption = None,
-    json: options.JsonOption = None,
-):
+    folder: str = argument(
+        ..., "DIR", "COLMAP model with its photographs in images/, next to the model or above it."
+    ),
+    output: Path = option(..., "SCENE.ply", "Scene to write."),
+    steps: int = option(7000, "N", "Steps of optimisation.", min=1, panel=TRAINING),
+    scale: float = option(
+        1.0, "S", "Scale of the photographs: 0.5 is half their size.", panel=LEARN
+    ),
+    hold_out: int = option(
+        7, "N", "Hold out every N-th photograph for measuring; 0: none.", min=0, panel=LEARN
+    ),
+    seed: int = option(
+        0,
+        "N",
+        "Random seed: the same seed gives the same result on a machine.",
+        min=0,
+        panel=TRAINING,
+    ),
+    work: Path | None = WORK,
+    antialiased: bool = option(
+        False,
+        None,
+        "Train with opacity compensation; the scene file says so and is rendered with it.",
+        "--antialiased/--no-antialiased",
+        panel=SCENE,
+    ),
+    near: float | None = options.NEAR,
+) -> dict:
     """Train a plain 3DGS scene from photographs.
 
     The scene is a baseline for `splatcore compress`. Training starts from COLMAP's points,
@@ -65,11 +109,11 @@ def train_command(
         "held_out": len(aside), "against": "photographs", "psnr_db": found,
     }  # fmt: skip
     shown = "" if found is None else f", {found:.2f} dB on {len(aside)} held-out photographs"
-    console.print(f"{output}: {len(scene)} Gaussians{shown}", soft_wrap=True)
-    write_json(json, facts)
+    console.print(f"{output}: {len(scene)} Gaussians{shown}")
+    return facts
 
 
-@options.app.command(
+@options.command(
     "compress",
     help=f"""{COMMANDS["compress"].summary}
 
@@ -81,30 +125,35 @@ def train_command(
     """,
 )
 def compress_command(
-    scene: options.SceneArgument,
-    output: options.ModelOption,
+    targets: Targets,
     reading: Reading,
-    images: own.ImagesOption = None,
-    cameras: own.CamerasOption = None,
-    size: own.SizeOption = "1920x1080",
-    target_ratio: own.RatioOption = None,
-    target_bytes: own.BytesOption = None,
-    target_psnr: own.PsnrOption = None,
-    target_fps: own.FpsOption = None,
-    max_drop: own.DropOption = None,
-    recipe: own.RecipeOption = None,
-    work: own.WorkOption = None,
-    preset: options.PresetOption = "DEFAULT",
-    plain: options.PlainOption = False,
-    json: options.JsonOption = None,
-):
-    wanted = {"target_ratio": target_ratio, "target_bytes": target_bytes}
-    wanted |= {"target_psnr": target_psnr, "target_fps": target_fps, "max_drop": max_drop}
-    file, (recipe, pictures) = recipe, read_recipe(recipe, wanted)
+    scene: str = options.ONE_SCENE,
+    output: Path = options.MODEL,
+    images: str | None = option(
+        None, "DIR", "Photographs: COLMAP folder or transforms.json.", panel=LEARN
+    ),
+    cameras: str | None = option(
+        None,
+        "FILE",
+        "Cameras from which the scene will be viewed (cameras.json, transforms.json or COLMAP): "
+        "learn on their path instead of all around. Without --images.",
+        panel=SCENE,
+    ),
+    size: str = option(
+        "1920x1080", "WxH", "Pixels of rendered pictures: as of later use.", panel=SCENE
+    ),
+    recipe: str | None = option(
+        None, "FILE.toml", "How to prune and fine-tune; for the keys see above.", panel=TRAINING
+    ),
+    work: Path | None = WORK,
+    config: Config = options.PRESET,
+    plain: bool = options.PLAIN,
+) -> dict:
+    file, (recipe, pictures) = recipe, read_recipe(recipe, vars(targets))
     run.check_installed()
-    if max_drop is not None and images is None:
+    if targets.max_drop is not None and images is None:
         raise InputError("--max-drop: needs photographs (--images); else choose --target-psnr")
-    config, pixels, seed = find_preset(preset), parse_size(size), recipe.seed
+    pixels, seed = parse_size(size), recipe.seed
     if pictures.beside != Pictures.beside and not cameras:
         raise InputError(f"{file}: beside: goes with --cameras")
     original = _opened(scene, reading)
@@ -124,21 +173,16 @@ def compress_command(
     facts |= facts_of(original, model, checkpoints)
     _print_steps(checkpoints, facts)
     facts |= _loss(original, model.gaussians(), aside, pixels, seed, path, reading)
-    _print_result(facts, json)
+    line = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('line')}"
+    console.print(f"{facts['model']}: {line}")
+    return facts
 
 
 def _print_steps(checkpoints: Checkpoints, facts: dict):
     """Print the steps, and the trials if there was a choice."""
     if facts["choice"]:
-        console.print(trials_of(facts["choice"]))
-    console.print(table_of(checkpoints, facts["original_bytes"]))
-
-
-def _print_result(facts: dict, json: Path | None):
-    """Print sizes and loss in one line; write the facts except the key "line"."""
-    line = f"{facts['ratio']:.1f} times smaller: {_sizes(facts)}; {facts.pop('line')}"
-    console.print(f"{facts['model']}: {line}", soft_wrap=True)
-    write_json(json, facts)
+        trials_of(facts["choice"]).print()
+    table_of(checkpoints, facts["original_bytes"]).print()
 
 
 def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:

@@ -3,16 +3,27 @@
 from collections import Counter
 from pathlib import Path
 
-from splatcore.app.cli.options import JsonOption, app, argument
-from splatcore.sim.common.output import console, write_json
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.app.cli.options import argument, command
+from splatcore.sim.common.output import console
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
 
-FolderArgument = argument(Path, "DIR", "Folder with the counts of simulations.")
+KEYS = ("lines_reached", "lines", "branches_taken", "branches")
+
+COLUMNS = (
+    Column("file"),
+    *(
+        Column(name, digits=0, get=key)
+        for name, key in zip(("lines", "of", "branches", "of"), KEYS, strict=True)
+    ),
+    Column("%", digits=1, get=lambda row: 100 * row["branches_taken"] / row["branches"]),
+)
 
 
-@app.command("coverage")
-def coverage_command(folder: FolderArgument, json: JsonOption = None):
+@command("coverage")
+def coverage_command(
+    folder: Path = argument(..., "DIR", "Folder with the counts of simulations."),
+) -> dict:
     """Show which branches and lines of hdl/ simulations have reached.
 
     Lists those not reached. Simulations write counts to DIR if the environment variable
@@ -32,16 +43,11 @@ def coverage_command(folder: FolderArgument, json: JsonOption = None):
     for file in sorted({place.file for place in lines}):
         taken = [count > 0 for arm, count in found.items() if arm.place.file == file]
         reached = [count > 0 for place, count in lines.items() if place.file == file]
-        rows.append((file, sum(reached), len(reached), sum(taken), len(taken)))
-    rows.append(("all", *(sum(numbers) for numbers in list(zip(*rows, strict=True))[1:])))
-    table = new_table("file", ["lines", "of", "branches", "of", "%"], str(folder))
-    for file, *numbers in rows:
-        table.add_row(file, *(f"{n:,}" for n in numbers), f"{100 * numbers[2] / numbers[3]:.1f}")
+        numbers = sum(reached), len(reached), sum(taken), len(taken)
+        rows.append({"file": file} | dict(zip(KEYS, numbers, strict=True)))
+    rows.append({"file": "all"} | {key: sum(row[key] for row in rows) for key in KEYS})
     missed = [f"{arm.place} {arm.target}: {arm.arm}" for arm in sorted(found) if not found[arm]]
     for line in missed:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    print_whole(table)
-    if json:
-        keys = "file", "lines_reached", "lines", "branches_taken", "branches"
-        files = [dict(zip(keys, row, strict=True)) for row in rows]
-        write_json(json, {"files": files, "missed": missed})
+        console.print(line)
+    Table.of("coverage", str(folder), COLUMNS, rows).print()
+    return {"files": rows, "missed": missed}

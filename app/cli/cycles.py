@@ -1,42 +1,40 @@
 """The command `cycles`: cycles of a frame by stage, from the cycle model."""
 
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 
 from splatcore.app.cli import describe, options, path
-from splatcore.app.cli.bench import SchedulerOption
-from splatcore.sim.common.output import console, write_json
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.app.cli.options import argument
+from splatcore.sim.common.output import console
+from splatcore.sim.common.table import Column, Table, shown
 from splatcore.sim.frame.metric import against, decibels
 from splatcore.sim.frame.shot import Shot, judge
 from splatcore.sim.frame.unseen import note_empty
-from splatcore.spec.config import CLOCK_HZ
+from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 FPS = f"FPS at {CLOCK_HZ / 1e6:.0f} MHz"
 """Label of the frames per second."""
 
 TRUTHS = ("machine", "scene")
 
-COLUMNS = {name: path.cell(name, scale=1000) for name in ("preprocessing", "rendering", "frame")}
-COLUMNS |= {FPS: path.cell("fps", form=".1f")} | path.ERRORS
+HALVES = ("preprocessing", "rendering", "frame")
+COLUMNS = [Column(name, digits=0, per=1000) for name in HALVES]
+COLUMNS += [Column(FPS, digits=1, get="fps"), *path.ERRORS]
 """Columns of a table of cameras."""
 
-SceneArgument = options.argument(
-    list[str], "SCENE|MODEL …", "Scenes or models to render; a single one with --cameras."
-)
 
-
-@options.app.command("cycles")
+@options.command("cycles")
 def cycles_command(
-    scene: SceneArgument,
     view: options.NextCameras,
-    preset: options.PresetOption = "DEFAULT",
-    quality: options.QualityOption = None,
-    scheduler: SchedulerOption = None,
-    json: options.JsonOption = None,
-):
+    scene: list[str] = argument(
+        ..., "SCENE|MODEL …", "Scenes or models to render; a single one with --cameras."
+    ),
+    config: Config = options.PRESET,
+    quality: str | None = options.QUALITY,
+    scheduler: str | None = options.SCHEDULER,
+) -> dict:
     """Estimate a frame's cycles by stage, and measure its error.
 
     The cycle model uses the golden model's counts and agrees with the RTL within 3 % for each
@@ -47,33 +45,36 @@ def cycles_command(
     """
     options.check_quality(quality, *scene)
     path.check(view, scheduler)
-    machine, facts = {"config": find_preset(preset), "quality": quality}, {}
-    preset = machine["config"].name
+    machine, facts = {"config": config, "quality": quality}, {}
     if view.cameras:
         if len(scene) > 1:
             raise InputError("--cameras: needs a single SCENE")
         shots = path.open_all(scene[0], view, True, **machine)
         rows = list(path.along(measured, shots, scheduler=scheduler))
-        about = {"preset": preset, "scene": shots[0].source.name}
-        write_json(json, about | path.print_table(shots[0], rows, COLUMNS, "cycles / 1000"))
-        return
+        about = {"preset": config.name, "scene": shots[0].source.name}
+        return about | path.print_table(shots[0], rows, COLUMNS, "cycles / 1000")
     for text in scene:
         shot = view.open(text, **machine)
         shot.check_fits()
         facts[text] = measured(shot)
         note_empty(shot, facts[text]["counts"])
         name = shot.source.name
-        console.print(f"{name}: {describe.antialiased_line(shot.source)}", soft_wrap=True)
+        console.print(f"{name}: {describe.antialiased_line(shot.source)}")
         if shot.packed:
-            console.print(f"{name}: {shot.packing_line}", soft_wrap=True)
-    table = new_table("cycles / 1000", [Path(text).name.split(".")[0] for text in scene])
-    for name in takewhile(lambda key: key != "fps", next(iter(facts.values()))):
-        table.add_row(name, *(shown(row[name], ",.0f", 1000) for row in facts.values()))
-    table.add_row(FPS, *(f"{row['fps']:.1f}" for row in facts.values()))
-    for name in TRUTHS:
-        table.add_row(f"dB, {name}", *(decibels(row, name) for row in facts.values()))
-    print_whole(table)
-    write_json(json, {"preset": preset, "scenes": facts})
+            console.print(f"{name}: {shot.packing_line}")
+    table(facts).print()
+    return {"preset": config.name, "scenes": facts}
+
+
+def table(facts: dict[str, dict]) -> Table:
+    """Return a table with one column per scene."""
+    names = takewhile(lambda key: key != "fps", next(iter(facts.values())))
+    rows = {name: lambda row, name=name: shown(row[name], ",.0f", 1000) for name in names}
+    rows |= {FPS: lambda row: f"{row['fps']:.1f}"}
+    rows |= {f"dB, {name}": partial(decibels, name=name) for name in TRUTHS}
+    scenes = [Column(Path(text).name.split(".")[0], digits=1) for text in facts]
+    cells = [[name, *map(show, facts.values())] for name, show in rows.items()]
+    return Table("cycles", "", [Column("cycles / 1000"), *scenes], cells)
 
 
 def measured(shot: Shot) -> dict:

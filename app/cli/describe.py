@@ -3,8 +3,8 @@
 import os
 
 import numpy as np
-from rich.table import Table
 
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.source import Source
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import chunk_count
@@ -78,19 +78,17 @@ def _rounded(values: np.ndarray) -> list[float]:
 
 
 def table(facts: dict, notes: bool = False) -> Table:
-    """Return facts as a table of two columns.
+    """Return facts as a table of two columns without headings.
 
     notes: with the notes, which commands otherwise print as lines of their own
     """
-    drawn = Table(show_header=False, box=None, pad_edge=False)
     if "antialiased" in facts:
         reason = facts["antialiased_by"]
         hidden = ("antialiased_by",) if notes else ("antialiased_by", "notes")
         facts = {n: value for n, value in facts.items() if n not in hidden}
         facts["antialiased"] = antialiased(facts["antialiased"], reason)
-    for name, value in facts.items():
-        drawn.add_row(name.replace("_", " "), _text(value))
-    return drawn
+    rows = [(name.replace("_", " "), _text(value)) for name, value in facts.items()]
+    return Table("facts", "", [Column(""), Column("")], rows)
 
 
 def antialiased(value: bool, reason: str) -> str:

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -11,67 +10,43 @@ from typing import NamedTuple
 from splatcore.app.cli.error_tables import decibels, print_tables
 from splatcore.app.cli.options import (
     MACHINE,
-    OUTPUT,
-    JsonOption,
-    QualityOption,
+    QUALITY,
     Viewing,
-    app,
     argument,
+    command,
+    listed,
     option,
 )
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.option import SCENE
-from splatcore.sim.common.option import option as declared
-from splatcore.sim.common.output import console, messages, write_json
-from splatcore.sim.common.table import print_whole
+from splatcore.sim.common.output import console, messages
 from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.source import check_source
 from splatcore.spec.config import DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
 
-ScenesArgument = argument(
-    list[str] | None, "SCENE|MODEL", "Default: all scenes of --scenes and the hard cases."
-)
-StageOption = option(
-    str, "NAME", "Stage to measure: project, sort or raster; or all: the budget of a picture."
-)
-ScenesOption = option(
-    str | None,
-    "DIR",
-    "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes.",
-    panel=SCENE,
-)
-WidthOption = option(
-    list[str] | None,
-    "E/F",
-    "Machine with E exponent and F fraction bits; may be repeated.",
-    panel=MACHINE,
-)
-MachineOption = option(
-    list[str] | None,
-    "NAME|FILE",
-    f"Machine: {', '.join(PRESETS)} or a TOML file; may be repeated.",
-    "--preset",
-    panel=MACHINE,
-)
-OutputOption = option(Path | None, "PLOT.png", "Plot the errors.", "-o", panel=OUTPUT)
-
 
 @dataclass(frozen=True)
 class SceneView(Viewing):
     """The options of a scene and its view; without SCENE they go for all."""
 
-    camera: str | None = declared(
+    camera: str | None = option(
         None,
         "FILE[:ID]",
         "Camera of the SCENE. Default: the first in the file next to it, else a generated view.",
         panel=SCENE,
     )
-    size: str | None = declared(
+    size: str | None = option(
         None, "WxH", "Pixels; hard cases keep their own size unless named as SCENE.", panel=SCENE
+    )
+    scenes: str | None = option(
+        None,
+        "DIR",
+        "Folder of scenes. Default: SPLATCORE_SCENES, else ../shared/scenes.",
+        panel=SCENE,
     )
 
 
@@ -111,7 +86,7 @@ def of_points(views: Views, machines: list[Config], quality: str | None, named: 
         results[name] = facts
         pictures = [f"{machine} {decibels(found)}" for machine, found in facts["machines"].items()]
         line = f"{name}: {', '.join(pictures)} dB; {facts['seconds']:.0f} s"
-        messages.print(line, markup=False, soft_wrap=True)
+        messages.print(line, soft_wrap=True)
     results = {name: results[name] for name in views}
     largest = largest_errors(results)
     facts = {
@@ -134,8 +109,7 @@ def of_formats(stage: str) -> Callable[..., Errors]:
         module = import_module(f"splatcore.study.accuracy.{stage}")
         found = getattr(module, f"{stage}_errors")(views)
         table, plot = getattr(module, f"{stage}_table"), getattr(module, f"write_{stage}_plot")
-        show = partial(print_whole, table(found))
-        return Errors(show, lambda path: plot(path, found), {"machines": found})
+        return Errors(table(found).print, lambda path: plot(path, found), {"machines": found})
 
     return measure
 
@@ -153,8 +127,8 @@ def of_all(views: Views, machines: list[Config], quality: str | None, *_) -> Err
     def show():
         for found in rows:
             budget.budget_table(found).print()
-            console.print(f"{budget.budget_line(found)}\n", soft_wrap=True)
-        console.print(BUDGET, soft_wrap=True)
+            console.print(f"{budget.budget_line(found)}\n")
+        console.print(BUDGET)
 
     facts = {"preset": config.name, "size": size, "rows": rows}
     return Errors(show, lambda path: budget.write_budget_plot(path, rows), facts)
@@ -183,18 +157,30 @@ STAGES = {
 }
 
 
-@app.command("error")
+@command("error")
 def error_command(
     view: SceneView,
-    scene: ScenesArgument = None,
-    stage: StageOption = "project",
-    scenes: ScenesOption = None,
-    width: WidthOption = None,
-    machine: MachineOption = None,
-    quality: QualityOption = None,
-    output: OutputOption = None,
-    json: JsonOption = None,
-):
+    scene: list[str] | None = argument(
+        None, "SCENE|MODEL", "Default: all scenes of --scenes and the hard cases."
+    ),
+    stage: str = option(
+        "project",
+        "NAME",
+        "Stage to measure: project, sort or raster; or all: the budget of a picture.",
+    ),
+    width: list[str] | None = option(
+        None, "E/F", "Machine with E exponent and F fraction bits; may be repeated.", panel=MACHINE
+    ),
+    machine: list[str] | None = option(
+        None,
+        "NAME|FILE",
+        f"Machine: {listed(PRESETS)} or a TOML file; may be repeated.",
+        "--preset",
+        panel=MACHINE,
+    ),
+    quality: str | None = QUALITY,
+    output: Path | None = option(None, "PLOT.png", "Plot the errors."),
+) -> dict:
     """Measure the error of the machine's numbers, stage by stage.
 
     --stage project: compares each field of a splat by the golden model of stages 0 and 1 with the
@@ -221,16 +207,16 @@ def error_command(
 
     machines = [*map(find_preset, machine or ()), *map(with_width, width or ())]
     check_stage(stage, quality, len(machines))
-    if scene and scenes:
-        raise InputError(f"--scenes {scenes}: name a folder or a SCENE, not both")
-    views = named(scene, *seen) if scene else everything(scenes, *seen)
+    if scene and view.scenes:
+        raise InputError(f"--scenes {view.scenes}: name a folder or a SCENE, not both")
+    views = named(scene, *seen) if scene else everything(view.scenes, *seen)
     if not (scene or STAGES[stage].hard):
         views = {name: each for name, each in views.items() if name not in HARD}
     found = STAGES[stage].measure(views, machines, quality, bool(scene))
     found.show()
     if output:
         found.plot(output)
-    write_json(json, {"stage": stage} | found.facts)
+    return {"stage": stage} | found.facts
 
 
 def check_stage(stage: str, quality: str | None, machines: int):

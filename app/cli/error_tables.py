@@ -1,11 +1,10 @@
 """Tables of the command `error`."""
 
+from collections.abc import Iterable, Iterator, Sequence
 from operator import attrgetter
 
-from rich.table import Table
-
 from splatcore.sim.common.output import console
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import NONE, Column, Table, shown
 from splatcore.spec.config import DEFAULT, Config
 
 LABELS = {
@@ -31,79 +30,70 @@ COUNTS = {
 """Counts per machine and their names in the table."""
 
 
+SCENES = (
+    Column("scene"),
+    Column("visible", digits=0),
+    Column("axes", digits=0, none="∞"),
+    Column("on screen", digits=0),
+)
+"""Columns of the counts by scene."""
+
+
 def decibels(result: dict, key: str = "psnr_db_machine") -> str:
     """Return a picture's PSNR as text."""
     return shown(result[key], ".1f", none="exact")
 
 
 def print_tables(results: dict[str, dict], largest: dict[str, dict], machines: tuple[Config, ...]):
-    """Print all tables: pictures and counts by scene, errors by field."""
+    """Print all tables: pictures and counts by scene, errors by field; one column per machine."""
     from splatcore.study.accuracy.points import heading
 
-    headings = [*map(heading, machines)]
+    packing = attrgetter("position", "colour_index", "sh_index")
+    names, headings = [config.name for config in machines], [*map(heading, machines)]
+    other = [config.name for config in machines if packing(config) != packing(DEFAULT)]
+    with_packing = [*headings, *(f"{name} and\npacking" for name in other)]
     title = "PSNR of the pictures, dB, machine: against the reference on the same packed model"
-    tables = {title: picture_table(results, machines, headings)}
+    show(title, [Column("scene")], with_packing, pictures(results, other))
     for kind, name in (("scenes", "scenes"), ("hard", "hard cases")):
         if kind in largest:
             title = f"Errors over the {name}: largest RMS, maximum; relative unless in a unit"
-            tables[title] = field_table(largest[kind], machines, headings)
-    tables[COUNT_TITLE] = count_table(results, machines, headings)
-    tables["All together"] = total_table(results, machines, headings)
-    for title, table in tables.items():
-        console.print(f"\n{title}", soft_wrap=True)
-        print_whole(table)
+            show(title, [Column("field")], headings, fields(largest[kind], names))
+    show(COUNT_TITLE, SCENES, headings, counts(results))
+    show("All together", [Column("Gaussians")], headings, totals(results, names))
 
 
-def picture_table(
-    results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
-) -> Table:
-    """Return a table of PSNR by scene and machine; with packing if models differ from DEFAULT's."""
-    packing = attrgetter("position", "colour_index", "sh_index")
-    other = [config.name for config in machines if packing(config) != packing(DEFAULT)]
-    headings = [*headings, *(f"{name} and\npacking" for name in other)]
-    table = new_table("scene", headings)
-    for name, facts in results.items():
+def show(title: str, columns: Sequence[Column], headings: list[str], rows: Iterable[list]):
+    """Print a table of some columns and one with each of the headings."""
+    console.print(f"\n{title}")
+    more = (Column(heading, digits=0) for heading in headings)
+    Table("error", "", [*columns, *more], list(rows)).print()
+
+
+def pictures(results: dict[str, dict], other: list[str]) -> Iterator[list]:
+    """Yield PSNR by scene. other: machines that pack models unlike DEFAULT"""
+    for scene, facts in results.items():
         cells = [decibels(result) for result in facts["machines"].values()]
         cells += [decibels(facts["machines"][name], "psnr_db_default_model") for name in other]
-        table.add_row(name, *cells)
-    return table
+        yield [scene, *cells]
 
 
-def field_table(
-    largest: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
-) -> Table:
-    """Return a table of errors by field and machine."""
-    table = new_table("field", headings)
+def fields(largest: dict[str, dict], names: list[str]) -> Iterator[list]:
+    """Yield errors by field."""
     for field in next(iter(largest.values())):
-        name = LABELS.get(field, field.replace("_", " "))
-        for key, text in (("rms", name), ("max", "  largest")):
-            sizes = [largest[config.name][field][key] for config in machines]
-            table.add_row(text, *(shown(size, ".1e") for size in sizes))
-    return table
+        label = LABELS.get(field, field.replace("_", " "))
+        for key, text in (("rms", label), ("max", "  largest")):
+            yield [text, *(shown(largest[name][field][key], ".1e") for name in names)]
 
 
-def count_table(
-    results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
-) -> Table:
-    """Return a table of visible Gaussians, their axis ratios, and those lost by each machine."""
-    table = new_table("scene", ["visible", "axes", "on screen", *headings])
-    for name, facts in results.items():
-        ratio = facts["axis_ratio"]
-        cells = [f"{facts['visible']:,}", "∞" if ratio is None else f"{ratio:,.0f}"]
-        cells.append(f"{facts['screen_ratio']:,.0f}")
-        for result in facts["machines"].values():
-            lost, broken = result["lost"], result["not_finite"]
-            cells.append(f"{lost}+{broken}" if lost or broken else "–")
-        table.add_row(name, *cells)
-    return table
+def counts(results: dict[str, dict]) -> Iterator[list]:
+    """Yield visible Gaussians, their axis ratios, and those lost by each machine."""
+    for scene, facts in results.items():
+        found = ((each["lost"], each["not_finite"]) for each in facts["machines"].values())
+        cells = (f"{lost}+{broken}" if lost or broken else NONE for lost, broken in found)
+        yield [scene, facts["visible"], facts["axis_ratio"], facts["screen_ratio"], *cells]
 
 
-def total_table(
-    results: dict[str, dict], machines: tuple[Config, ...], headings: list[str]
-) -> Table:
-    """Return a table of counts over all scenes by machine."""
-    table = new_table("Gaussians", headings)
-    for key, name in COUNTS.items():
-        counts = [[facts["machines"][c.name][key] for facts in results.values()] for c in machines]
-        table.add_row(name, *(f"{sum(each):,}" for each in counts))
-    return table
+def totals(results: dict[str, dict], names: list[str]) -> Iterator[list]:
+    """Yield counts over all scenes."""
+    for key, label in COUNTS.items():
+        yield [label, *(sum(f["machines"][n][key] for f in results.values()) for n in names)]

@@ -11,14 +11,15 @@ import typer
 
 from splatcore.app.cli import options
 from splatcore.app.cli.options import option
-from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.common.output import console, messages, progress_bar
 from splatcore.sim.common.preset_file import write_preset
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import LEVELS
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import Source, open_cameras, open_source
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, PRESETS, Config
 from splatcore.spec.error import InputError
+from splatcore.study.results.fields import with_names
 
 if TYPE_CHECKING:
     from splatcore.study.fit.search import Fit, Knob
@@ -29,32 +30,22 @@ MINIMUM = {"fps": 1e-3, "psnr": 1.0}  # of --fps and --psnr
 PSNR_MAX = 200.0  # a limit for typing errors; 8 bits cannot show as much
 
 
-OutputOption = option(Path, "PRESET.toml", "Preset file to write.", "-o", panel=options.OUTPUT)
-FpsOption = option(float, "F", "Target: frames per second at 800 MHz.")
-PsnrOption = option(
-    float | None,
-    "P",
-    "Target: dB against the reference on the packed model. Default: keep DEFAULT's formats.",
-)
-GatesOption = option(
-    bool, None, "Also synthesise all parts of the machine and of DEFAULT.", "--gates"
-)
-ConfirmOption = option(
-    bool, None, "Also simulate the slowest view in RTL, which takes minutes.", "--confirm"
-)
-
-
-@options.app.command("fit")
+@options.command("fit")
 def fit_command(
-    scene: options.SourceArgument,
     view: options.NextCameras,
-    output: OutputOption,
-    fps: FpsOption,
-    psnr: PsnrOption = None,
-    gates: GatesOption = False,
-    confirm: ConfirmOption = False,
-    json: options.JsonOption = None,
-):
+    scene: str = options.SOURCE,
+    output: Path = option(..., "PRESET.toml", "Preset file to write."),
+    fps: float = option(..., "F", "Target: frames per second at 800 MHz."),
+    psnr: float | None = option(
+        None,
+        "P",
+        "Target: dB against the reference on the packed model. Default: keep DEFAULT's formats.",
+    ),
+    gates: bool = option(False, None, "Also synthesise all parts of the machine and of DEFAULT."),
+    confirm: bool = option(
+        False, None, "Also simulate the slowest view in RTL, which takes minutes."
+    ),
+) -> dict:
     """Find the smallest machine that renders a scene fast and well enough.
 
     Every view must reach F frames per second, by the cycle model with a margin for memory, and P dB
@@ -74,7 +65,7 @@ def fit_command(
         with progress_bar("fitting") as advance:
             chosen = fit(start, views, fps, psnr, lambda text: advance(0, None, text))
     except Impossible as impossible:
-        messages.print(f"impossible: {impossible}", markup=False, soft_wrap=True)
+        messages.print(f"impossible: {impossible}", soft_wrap=True)
         raise typer.Exit(1) from None
     rows = knobs(chosen)
     reasons = {row.name: row.reason for row in rows}
@@ -83,16 +74,14 @@ def fit_command(
     about = f"splatcore fit {Path(scene).name}, {len(views)} views: {target}"
     write_preset(output, chosen.config, DEFAULT, reasons, about)
     sizes = _gates(chosen.config) if gates else {}
-    _show(chosen, rows, sizes, f"{chosen.config.name}: {target}")
     facts = _facts(chosen, rows, sizes)
+    _show(facts, rows, f"{chosen.config.name}: {target}")
     facts["seconds"] = round(time.perf_counter() - begin, 1)
-    console.print(f"{output}: {facts['seconds']:.0f} s", soft_wrap=True)
+    console.print(f"{output}: {facts['seconds']:.0f} s")
     if confirm:
         facts["confirmed"] = _confirm(chosen, views, fps)
     asked = {"scene": scene, "fps": fps, "psnr_db_machine": psnr} | source.stated
-    write_json(json, asked | facts)
-    if confirm and not facts["confirmed"]["reached"]:
-        raise typer.Exit(1)
+    return options.result(asked | facts, confirm and not facts["confirmed"]["reached"])
 
 
 def _open(name: str, scene: str, view: options.NextCameras) -> "tuple[Source, Config, list[View]]":
@@ -138,30 +127,43 @@ def _gates(config: Config) -> dict[str, tuple[float, float]]:
     return {name: (before[name], after[name]) for name in before}
 
 
-def _show(found: "Fit", rows: "list[Knob]", sizes: dict, title: str):
-    """Print all tables."""
-    from splatcore.study.fit.formats import decibels
+FIELDS = (
+    Column("field", get=lambda row: row.name.replace("_", " ")),
+    Column("DEFAULT", digits=0, get=lambda row: str(row.before)),
+    Column("chosen", digits=0, get=lambda row: str(row.value)),
+    Column("reason"),
+)
+"""Columns of a table of `search.Knob`."""
 
-    table = new_table("field", ("DEFAULT", "chosen"), title, ("reason",))
-    for row in rows:
-        table.add_row(row.name.replace("_", " "), str(row.before), str(row.value), row.reason)
-    print_whole(table)
-    headings = ("preprocessing", "rendering", "frame", "FPS", "dB, machine", "max error, machine")
-    table = new_table("view", headings)
-    for view, (square, largest) in found.errors.items():
-        cycles = found.cycles(view)
-        halves = (f"{n:,}" for n in (cycles.preprocessing, cycles.rendering, cycles.frame))
-        psnr = decibels(square)
-        text = f"{psnr:.2f}" if math.isfinite(psnr) else "exact"
-        error = f"{largest * LEVELS:.1f}/{LEVELS}"
-        table.add_row(view, *halves, f"{found.fps(view):.1f}", text, error)
-    print_whole(table)
-    if sizes:
-        table = new_table("part", ("DEFAULT", "chosen"), "thousands of NAND2, all instances")
-        sizes = sizes | {"all of these": tuple(map(sum, zip(*sizes.values(), strict=True)))}
-        for name, pair in sizes.items():
-            table.add_row(name, *(f"{value / 1000:,.1f}" for value in pair))
-        print_whole(table)
+VIEWS = (
+    Column("view"),
+    *(Column(name, digits=0) for name in ("preprocessing", "rendering", "frame")),
+    Column("FPS", digits=1, get="fps"),
+    Column("dB, machine", digits=2, get="psnr_db_machine", none="exact"),
+    Column(
+        "max error, machine",
+        digits=1,
+        get=lambda row: f"{row['max_error_machine'] * LEVELS:.1f}/{LEVELS}",
+    ),
+)
+"""Columns of a table of the views in `_facts`."""
+
+PARTS = (
+    Column("part"),
+    Column("DEFAULT", digits=1, get="default", per=1000),
+    Column("chosen", digits=1, per=1000),
+)
+"""Columns of a table of the gates in `_facts`."""
+
+
+def _show(facts: dict, rows: "list[Knob]", title: str):
+    """Print all tables."""
+    Table.of("fields", title, FIELDS, rows).print()
+    Table.of("views", "", VIEWS, with_names("view", facts["views"])).print()
+    if sizes := list(with_names("part", facts["gates"])):
+        every = {key: sum(row[key] for row in sizes) for key in ("default", "chosen")}
+        title = "thousands of NAND2, all instances"
+        Table.of("gates", title, PARTS, [*sizes, {"part": "all of these"} | every]).print()
 
 
 def _facts(found: "Fit", rows: "list[Knob]", sizes: dict) -> dict:
@@ -201,7 +203,7 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
         build(found.config), [Job(view.model, view.camera)] * FRAMES, LPDDR4, f"simulating {name}"
     )
     if not run.done:
-        console.print(f"{name}: the machine failed: {run.why}", soft_wrap=True)
+        console.print(f"{name}: the machine failed: {run.why}")
         return {"view": name, "reached": False, "ended": run.why}
     exact = np.rint(view.exact * LEVELS).astype(np.uint8)
     facts = judge(found.config, run, Expected(view.model, view.camera, golden, {"machine": exact}))
@@ -211,7 +213,6 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
     console.print(
         f"{name} in RTL: {cycles['frame']:,} cycles (model {found.cycles(name).frame:,}), "
         f"{cycles['fps_at_800mhz']:.1f} frames per second, picture {same}: "
-        f"{'confirmed' if reached else 'NOT confirmed'}",
-        soft_wrap=True,
+        f"{'confirmed' if reached else 'NOT confirmed'}"
     )
     return {"view": name, "reached": reached} | facts

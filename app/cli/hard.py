@@ -2,31 +2,26 @@
 
 from pathlib import Path
 
-import typer
-
 from splatcore.app.cli import options
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.simulate import TimingOption
+from splatcore.app.cli.options import MACHINE, argument, listed, option
+from splatcore.app.cli.simulate import TIMING
 from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_case import PSNR_MIN
 from splatcore.model.generate.hard_colour import ANTIALIASED
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, messages, progress_bar, write_json
+from splatcore.sim.common.output import console, messages, progress_bar
 from splatcore.sim.frame.shot import ENGINES
 from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import check_fits
 from splatcore.sim.machine.script import LPDDR4, find_timing
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
-NameArgument = options.argument(str | None, "NAME", "Case to run. Default: all.")
-SizeOption = options.annotated(options.Viewing, "size")
-OutputOption = options.option(
-    Path | None, "DIR", "Folder for the pictures and a contact sheet.", "-o", panel=options.OUTPUT
-)
+SIZE = options.Viewing.__dataclass_fields__["size"]
 
 
-@options.app.command(
+@options.command(
     "hard",
     help=f"{COMMANDS['hard'].summary}\n\n"
     "Prints, for each case, the error against the float64 reference on the same packed model and "
@@ -38,16 +33,15 @@ OutputOption = options.option(
     "\n\nNAME is one of: " + ", ".join(HARD) + ".",
 )
 def hard_command(
-    name: NameArgument = None,
-    engine: options.EngineOption = "golden",
-    preset: options.PresetOption = "DEFAULT",
-    size: SizeOption = None,
-    timing: TimingOption = LPDDR4.name,
-    output: OutputOption = None,
-    json: options.JsonOption = None,
-):
+    name: str | None = argument(None, "NAME", "Case to run. Default: all."),
+    engine: str = option("golden", "NAME", f"{listed(ENGINES)}.", panel=MACHINE),
+    config: Config = options.PRESET,
+    size: str | None = SIZE,
+    timing: str = TIMING,
+    output: Path | None = option(None, "DIR", "Folder for the pictures and a contact sheet."),
+) -> dict:
     check_known("--engine", ENGINES, engine)
-    config, memory = find_preset(preset), find_timing(timing)
+    memory = find_timing(timing)
     left_out = () if config.compensates else ANTIALIASED
     names = [name] if name is not None else [case for case in HARD if case not in left_out]
     check_known("hard case", HARD, *names)
@@ -75,19 +69,17 @@ def hard_command(
         with progress_bar(f"{case} by {engine}", len(names)) as advance:
             advance(number, len(names))
             outcomes.append(measure(case, engine, config, shape, machine, memory))
-        console.print(pass_line(outcomes[-1]), soft_wrap=True, markup=False)
+        console.print(pass_line(outcomes[-1]))
     table(outcomes, f"{engine}, preset {config.name}").print()
     failed = [outcome.name for outcome in outcomes if not outcome.passed]
     console.print(
         f"{len(outcomes) - len(failed)} of {len(outcomes)} pass"
-        + (f"; not: {', '.join(failed)}" if failed else ""),
-        soft_wrap=True,
+        + (f"; not: {', '.join(failed)}" if failed else "")
     )
     if output:
         write_pictures(output, outcomes, engine)
-    write_json(json, {
+    facts = {
         "engine": engine, "preset": config.name, "timing": memory.name if machine else None,
         "passed": not failed, "cases": {outcome.name: outcome.facts() for outcome in outcomes},
-    })  # fmt: skip
-    if failed:
-        raise typer.Exit(1)
+    }  # fmt: skip
+    return options.result(facts, failed)

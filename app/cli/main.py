@@ -5,19 +5,13 @@ from importlib import import_module
 
 import typer
 
-from splatcore.app.cli.bench import bench
-from splatcore.app.cli.board import board
-from splatcore.app.cli.commands import COMMANDS, GONE
-from splatcore.app.cli.options import app
-from splatcore.app.cli.soak import soak
+from splatcore.app.cli.commands import COMMANDS, GONE, GROUPS
+from splatcore.app.cli.options import app, command
 from splatcore.sim.common import notes
 from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
 
 UsageError = typer.BadParameter.__mro__[1]  # of click, or of typer's own copy of it
-
-GROUPS = {part.group: part for part in (bench, board, soak)}
-"""Groups of commands by their first word."""
 
 
 def register(words: list[str] | None = None):
@@ -34,8 +28,7 @@ def register(words: list[str] | None = None):
             import_module(f"splatcore.app.cli.{COMMANDS[each].file}")
         return
     for name, entry in COMMANDS.items():
-        group, _, last = name.rpartition(" ")
-        GROUPS.get(group, app).command(last, help=entry.summary)(lambda: None)
+        command(name, help=entry.summary)(lambda: None)
 
 
 def main(arguments: list[str] | None = None):
@@ -60,7 +53,7 @@ def main(arguments: list[str] | None = None):
 def refuse(text: str):
     """Print an error, unless it is empty, and exit with status 2."""
     if text:
-        messages.print(f"error: {text}", markup=False, soft_wrap=True)
+        messages.print(f"error: {text}", soft_wrap=True)
     sys.exit(2)
 
 

@@ -3,11 +3,11 @@
 import inspect
 import os
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import Field, dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Annotated, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -16,20 +16,21 @@ from splatcore.app.cli.commands import COMMANDS, GROUPS, example
 from splatcore.model.formats.camera_file import split_id
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.pack.quality import LEAST_DB, QUALITIES, UNLEARNED
-from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.option import SCENE
-from splatcore.sim.common.option import option as declared
+from splatcore.sim.common.choice import check_known, parse_colour
+from splatcore.sim.common.option import SCENE, argument, option
 from splatcore.sim.common.output import (
     check_distinct,
     check_folder,
     check_writable,
     new_folders,
+    write_json,
 )
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.shot import ENGINES, Shot
 from splatcore.sim.frame.source import camera_beside, scene_folder
 from splatcore.spec.config import PRESETS
 from splatcore.spec.error import InputError
+from splatcore.spec.preset import find_preset
 
 FOLDER = "DIR"
 """Placeholder for a folder in --help."""
@@ -65,27 +66,17 @@ class Command(TyperCommand):
         folders = [path for each, path in written if metavars[each.name] == FOLDER]
         check_distinct([(each.opts[0], path) for each, path in written], inputs_of(context.params))
         for each, path in written:
-            check_type(each.opts[0], path, Path(metavars[each.name]).suffix)
+            suffix = Path(metavars[each.name]).suffix
+            if suffix and path.suffix and path.suffix.lower() != suffix:  # it may have none
+                raise InputError(f"{each.opts[0]} {path}: must end in {suffix}")
             (check_folder if path in folders else check_writable)(path)
         with new_folders(folders):
             return super().invoke(context)
 
 
-def check_type(option: str, path: Path, suffix: str):
-    """Raise InputError if a file's name has another suffix; it may have none."""
-    if suffix and path.suffix and path.suffix.lower() != suffix:
-        raise InputError(f"{option} {path}: must end in {suffix}")
-
-
-def parse_colour(text: str) -> tuple[float, float, float]:
-    """Parse three numbers 0 … 1 separated by commas."""
-    try:
-        red, green, blue = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--background '{text}': must be three numbers R,G,B") from None
-    if not all(0 <= value <= 1 for value in (red, green, blue)):
-        raise InputError(f"--background '{text}': is not in 0 … 1")
-    return red, green, blue
+def listed(names: Iterable[str]) -> str:
+    """Return names as text for a help."""
+    return ", ".join(names)
 
 
 def check_quality(quality: str | None, *sources: str):
@@ -114,31 +105,12 @@ def inputs_of(parameters: dict[str, object]) -> Iterator[Path]:
                     yield Path(cameras)
 
 
-class App(typer.Typer):
-    """The application or a group of `Command`s; their examples and headings are in `COMMANDS`."""
-
-    def __init__(self, group: str = "", **options):
-        self.group = group
-        super().__init__(epilog=f"Example:  {example(group)}", **options)
-
-    def command(self, name: str | None = None, *, cls: type = Command, **options):
-        full = f"{self.group} {name}".strip()
-        if entry := COMMANDS.get(full):
-            options |= {"short_help": entry.summary, "rich_help_panel": entry.purpose}
-            options["epilog"] = f"Example:  {example(full)}"
-        register = super().command(name, cls=cls, **options)
-        return lambda function: register(spread(function)) and function
-
-    def add_group(self, part: "App"):
-        """Add a group of commands."""
-        self.add_typer(part, name=part.group, rich_help_panel=GROUPS[part.group][0])
-
-
-app = App(
+app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog=f"Example:  {example('')}",
     help=flowing(
         """Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
 
@@ -152,73 +124,101 @@ app = App(
 
 app.callback()(lambda: None)  # without it a single command would have no name on the command line
 
+groups = {
+    name: typer.Typer(no_args_is_help=True, help=group.help, epilog=f"Example:  {example(name)}")
+    for name, group in GROUPS.items()
+}
+for name, group in GROUPS.items():
+    app.add_typer(groups[name], name=name, rich_help_panel=group.purpose)
 
-def annotated(group: type, name: str) -> object:
-    """Return the type of a field of a group of options, with its declaration."""
-    about = group.__dataclass_fields__[name].metadata
-    return option(
-        get_type_hints(group)[name], about["metavar"], about["help"],
-        *(about["names"] or [f"--{name.replace('_', '-')}"]), panel=about["panel"],
-        **about["limits"],
-    )  # fmt: skip
+
+def command(name: str, *, cls: type = Command, **options) -> Callable:
+    """Register a function as the command of this name, with its entry of `COMMANDS`."""
+    entry, (group, _, last) = COMMANDS[name], name.rpartition(" ")
+    options |= {"short_help": entry.summary, "rich_help_panel": entry.purpose}
+    options["epilog"] = f"Example:  {example(name)}"
+    register = groups.get(group, app).command(last, cls=cls, **options)
+    return lambda function: register(spread(function)) and function
+
+
+def typed(name: str, kind: object, about: Field) -> object:
+    """Return the type of a declared option or argument, as typer takes it.
+
+    Outputs have their own heading in --help, and the option of a command's `output` is -o.
+    """
+    given = about.metadata["about"]
+    if (names := about.metadata.get("names")) is None:
+        return Annotated[kind, typer.Argument(**given)]
+    if given["rich_help_panel"] is None and Path in (kind, *get_args(kind)):
+        given = given | {"rich_help_panel": OUTPUT}
+    kind = str if about.metadata["read"] else kind
+    names = names or ["-o" if name == "output" else f"--{name.replace('_', '-')}"]
+    return Annotated[kind, typer.Option(*names, **given)]
+
+
+def declared(group: type) -> dict[str, tuple[object, Field]]:
+    """Return types and declarations of a dataclass by name; those of a derived class come first."""
+    names = [name for kind in group.__mro__ for name in vars(kind).get("__annotations__", ())]
+    kinds, known = get_type_hints(group), group.__dataclass_fields__
+    return {name: (kinds[name], known[name]) for name in dict.fromkeys(names)}
+
+
+JSON = option(None, "FILE.json", "Write the results (see docs/json.md).")
+
+
+class Wrong(dict):
+    """The result of a command that found something wrong: its exit status is 1."""
+
+
+def result(facts: dict, wrong: object) -> dict:
+    """Return the result of a command."""
+    return Wrong(facts) if wrong else facts
 
 
 def spread(function: Callable) -> Callable:
-    """Return the function with one parameter for each field of parameters that are dataclasses.
+    """Return the function with the parameters that typer takes.
 
-    The fields are declared by `sim.common.option`; those of a derived class come first.
+    A parameter's default is its declaration by `sim.common.option`; one without is a dataclass
+    of these, and becomes one parameter for each field. A function that returns its result gets the
+    option --json.
     """
-    parameters, groups = [], {}
-    for each in inspect.signature(function, eval_str=True).parameters.values():
-        if not is_dataclass(each.annotation):
-            parameters.append(each.replace(kind=each.KEYWORD_ONLY))
-            continue
-        groups[each.name] = group = each.annotation
-        names = [name for kind in group.__mro__ for name in vars(kind).get("__annotations__", ())]
-        for name in dict.fromkeys(names):
-            default = group.__dataclass_fields__[name].default
-            kind = annotated(group, name)
-            parameters.append(
-                inspect.Parameter(name, each.KEYWORD_ONLY, default=default, annotation=kind)
-            )
+    found, groups, signature = {}, {}, inspect.signature(function, eval_str=True)
+    for each in signature.parameters.values():
+        if each.default is each.empty:
+            groups[each.name] = each.annotation
+            found |= declared(each.annotation)
+        else:
+            found[each.name] = each.annotation, each.default
+    if returns := signature.return_annotation is not signature.empty:
+        found["json"] = Path | None, JSON
+    parameters = [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=about.default,
+            annotation=typed(name, kind, about),
+        )
+        for name, (kind, about) in found.items()
+    ]  # fmt: skip
 
     @wraps(function)
     def call(**values):
+        for name, (_, about) in found.items():
+            if read := about.metadata.get("read"):
+                values[name] = read(values[name])
         for name, group in groups.items():
             values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
-        return function(**values)
+        path = values.pop("json") if returns else None
+        made = function(**values)
+        write_json(path, made)
+        if isinstance(made, Wrong):
+            raise typer.Exit(1)
 
     call.__signature__ = inspect.Signature(parameters)
     call.__annotations__ = {each.name: each.annotation for each in parameters}
     return call
 
 
-def argument(kind: type, metavar: str, help: str):
-    """Declare an argument of a command.
-
-    kind: type of its value; `Path` for an output
-    metavar: placeholder for the value in --help
-    """
-    return Annotated[kind, typer.Argument(metavar=metavar, help=help)]
-
-
-def option(
-    kind: type, metavar: str | None, help: str, *names: str, panel: str | None = None, **limits
-):
-    """Declare an option of a command.
-
-    kind: type of its value; `Path` for an output
-    metavar: placeholder for the value in --help; None: the type
-    names: of the option; default: the parameter's
-    panel: heading in --help; None: "Options"
-    limits: `min` and `max`
-    """
-    declared = typer.Option(*names, metavar=metavar, help=help, rich_help_panel=panel, **limits)
-    return Annotated[kind, declared]
-
-
-SceneArgument = argument(str, "SCENE", "Scene file or generated scene.")
-SourceArgument = argument(str, "SCENE|MODEL", "Scene file, generated scene or packed model.")
+ONE_SCENE = argument(..., "SCENE", "Scene file or generated scene.")
+SOURCE = argument(..., "SCENE|MODEL", "Scene file, generated scene or packed model.")
 CAMERA = (
     "Camera from a cameras.json, transforms.json or COLMAP model, or a folder with one; without ID "
     "the first. Default: the first camera"
@@ -230,17 +230,12 @@ CAMERA = (
 class Viewing(Reading):
     """The options of a scene and one view of it."""
 
-    camera: str | None = declared(
+    camera: str | None = option(
         None, "FILE[:ID]", f"{CAMERA} of a training folder, else a generated view.", panel=SCENE
     )
-    size: str | None = declared(
+    size: str | None = option(
         None, "WxH", "Pixels of the picture; the camera's intrinsics are scaled to it.", panel=SCENE
     )
-
-    @property
-    def reading(self) -> Reading:
-        """The options on the scene alone."""
-        return Reading(self.antialiased, self.axes, self.near)
 
     def open(self, scene: str, **more) -> Shot:
         """Open the scene and its view. more: other fields of the frame"""
@@ -255,7 +250,7 @@ class Viewing(Reading):
 class Cameras(Viewing):
     """The options of a scene and one or many views of it."""
 
-    cameras: str | None = declared(
+    cameras: str | None = option(
         None,
         "FILE[:ID,ID,…]",
         "All cameras of a file, or these; ID,ID,… without FILE: of the camera file next to the "
@@ -268,7 +263,7 @@ class Cameras(Viewing):
 class NextCameras(Cameras):
     """The same, with the camera file next to the scene as default."""
 
-    camera: str | None = declared(
+    camera: str | None = option(
         None,
         "FILE[:ID]",
         f"{CAMERA} of the camera file next to the scene, else a generated view.",
@@ -279,38 +274,43 @@ class NextCameras(Cameras):
         return self.camera or camera_beside(scene)
 
 
-AntialiasedOption, NearOption = annotated(Reading, "antialiased"), annotated(Reading, "near")
-PresetOption = option(
-    str,
+ANTIALIASED, NEAR = (Reading.__dataclass_fields__[name] for name in ("antialiased", "near"))
+PRESET = option(
+    "DEFAULT",
     "NAME|FILE",
     f"Machine: {', '.join(PRESETS)}, or a TOML file as written by `splatcore fit`.",
     "--preset",
     panel=MACHINE,
+    read=find_preset,
 )
 SMALLEST = (
     f"Default: the smallest of {', '.join(UNLEARNED)} that keeps {LEAST_DB:g} dB against the scene"
 )
 """The quality that is chosen; the caller adds the views."""
-QualityOption = option(
-    str | None,
+QUALITY = option(
+    None,
     "NAME",
     f"Packing of a scene: {', '.join(QUALITIES)}. {SMALLEST} in the view.",
-    "--quality",
     panel=MACHINE,
 )
-BackgroundOption = option(
-    str, "R,G,B", "Background colour, each 0 … 1.", "--background", panel=PICTURE
+BACKGROUND = option(
+    "0,0,0", "R,G,B", "Background colour, each 0 … 1.", panel=PICTURE, read=parse_colour
 )
-EngineOption = option(str, "NAME", f"{', '.join(ENGINES)}.", "--engine", panel=MACHINE)
-FolderOption = option(Path, "DIR", "Folder to write into.", "-o", panel=OUTPUT)
-ModelOption = option(Path, "MODEL.splatcore", "Packed model to write.", "-o", panel=OUTPUT)
-PlainOption = option(
-    bool,
+ENGINE = option("reference", "NAME", f"{', '.join(ENGINES)}.", panel=MACHINE)
+NEW_FOLDER = option(..., "DIR", "Folder to write into.")
+MODEL = option(..., "MODEL.splatcore", "Packed model to write.")
+PLAIN = option(
+    False,
     None,
     "Write the plain bytes of DRAM instead of a coded file, for software that loads them directly.",
-    "--plain",
     panel=OUTPUT,
 )
-JsonOption = option(
-    Path | None, "FILE.json", "Write the results (see docs/json.md).", "--json", panel=OUTPUT
+SCHEDULER = option(
+    None,
+    "ADDRESS",
+    "Dask scheduler, like tcp://host:8786, whose workers do the work; they must find the scene "
+    "files at the same paths. Default: one process per core of this computer.",
+)
+KEPT_FOLDER = option(
+    ..., "DIR", "Folder for results; results already there are kept.", "-o", "--out"
 )

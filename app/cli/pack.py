@@ -1,11 +1,11 @@
 """The command `pack`: a scene as a packed model for the machine."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-
-from rich.table import Table
+from pathlib import Path
 
 from splatcore.app.cli import describe, options
+from splatcore.app.cli.options import option
 from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.common.choice import check_known
@@ -13,48 +13,58 @@ from splatcore.sim.common.output import (
     console,
     progress_bar,
     write,
-    write_json,
 )
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import open_cameras, open_source
 from splatcore.sim.frame.unseen import note_empty
+from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 PSNR_MAX = 100.0  # more than 8-bit pictures can show
 
-QualityOption = options.option(
-    str | None,
-    "NAME",
-    "small (11.5 bytes per Gaussian; for scenes fine-tuned to it), compact (22), balanced (up to "
-    f"38) or faithful (up to 54). {options.SMALLEST} in every view.",
-    "--quality",
-    panel=options.MACHINE,
-)
-PsnrOption = options.option(
-    float | None,
-    "DB",
-    "Smallest model with at least DB against the scene, chosen chunk by chunk.",
-    panel=options.MACHINE,
-)
-ShDegreeOption = options.option(
-    int | None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
-)
+
+@dataclass(frozen=True)
+class Wanted:
+    """The options of packing. Raises InputError for an unknown quality, a PSNR out of range, or
+    both options together."""
+
+    quality: str | None = option(
+        None,
+        "NAME",
+        "small (11.5 bytes per Gaussian; for scenes fine-tuned to it), compact (22), balanced "
+        f"(up to 38) or faithful (up to 54). {options.SMALLEST} in every view.",
+        panel=options.MACHINE,
+    )
+    psnr: float | None = option(
+        None,
+        "DB",
+        "Smallest model with at least DB against the scene, chosen chunk by chunk.",
+        panel=options.MACHINE,
+    )
+    sh_degree: int | None = option(
+        None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
+    )
+
+    def __post_init__(self):
+        quality, psnr = self.quality, self.psnr
+        if quality is not None:
+            check_known("--quality", QUALITIES, quality)
+            if psnr is not None:
+                raise InputError("use --psnr or --quality, not both")
+        if psnr is not None and not 0 < psnr <= PSNR_MAX:
+            raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
 
 
-@options.app.command("pack")
+@options.command("pack")
 def pack_command(
-    scene: options.SceneArgument,
-    output: options.ModelOption,
     view: options.Cameras,
-    quality: QualityOption = None,
-    psnr: PsnrOption = None,
-    sh_degree: ShDegreeOption = None,
-    preset: options.PresetOption = "DEFAULT",
-    plain: options.PlainOption = False,
-    json: options.JsonOption = None,
-):
+    wanted: Wanted,
+    scene: str = options.ONE_SCENE,
+    output: Path = options.MODEL,
+    config: Config = options.PRESET,
+    plain: bool = options.PLAIN,
+) -> dict:
     """Pack a scene into a model for the machine, and measure the loss.
 
     dB: the reference renderer's pictures of the packed model against those of the scene, in the
@@ -63,8 +73,7 @@ def pack_command(
     "bytes" is the size in memory, "file bytes" the size of the coded file. For a file to be loaded
     directly into DRAM, use --plain.
     """
-    config = find_preset(preset)
-    check_wanted(quality, psnr)
+    psnr = wanted.psnr
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, view.reading)
         original = source.unpacked
@@ -72,8 +81,8 @@ def pack_command(
     from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
     from splatcore.sim.frame.choose import Views, choose, smallest
 
-    if sh_degree is not None:
-        config = replace(config, sh_degree=min(sh_degree, config.sh_degree))
+    if wanted.sh_degree is not None:
+        config = replace(config, sh_degree=min(wanted.sh_degree, config.sh_degree))
     with progress_bar("rendering the scene") as advance:
         progress = partial(advance, 0, None)
         seen = Views.of(original, views)
@@ -82,7 +91,7 @@ def pack_command(
         if psnr is not None:
             packed = smallest(original, config, seen, psnr, progress)
         else:
-            packed = choose(original, config, seen, quality, progress=progress)
+            packed = choose(original, config, seen, wanted.quality, progress=progress)
         losses = psnr_by_part(original, packed.model, seen, progress)
     parts = bytes_by_part(packed.model)
     for line in packed.report.notes:
@@ -94,29 +103,23 @@ def pack_command(
     data = file_bytes(packed.model, plain)
     size = {"file_bytes": len(data)}
     write(output, data)
-    console.print(describe.table({"model": str(output)} | size | facts))
-    console.print(parts_table(parts, losses))
+    describe.table({"model": str(output)} | size | facts).print()
+    parts_table(parts, losses).print()
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
-    write_json(json, facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses})
-
-
-def check_wanted(quality: str | None, psnr: float | None):
-    """Raise InputError for an unknown quality, a PSNR out of range, or both options together."""
-    if quality is not None:
-        check_known("--quality", QUALITIES, quality)
-        if psnr is not None:
-            raise InputError("use --psnr or --quality, not both")
-    if psnr is not None and not 0 < psnr <= PSNR_MAX:
-        raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
+    return facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses}
 
 
 def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:
     """Return a table of bytes per Gaussian and dB by part."""
-    table = new_table("part", ("bytes per Gaussian", "dB, packing"))
+    columns = (
+        Column("part"),
+        Column("bytes per Gaussian", digits=2),
+        Column("dB, packing", digits=1),
+    )
+    rows = []
     for name in dict.fromkeys((*parts, *losses)):
         db, size = losses.get(name), parts.get(name, 0)
-        shown = "equal" if db is None else f"{db:.1f}"
         label = name if size or db is None else f"{name} (dropped)"
-        table.add_row(label, f"{size:.2f}", shown if name in losses else "")
-    return table
+        rows.append((label, size, ("equal" if db is None else db) if name in losses else ""))
+    return Table("parts", "", columns, rows)

@@ -8,7 +8,7 @@ from functools import partial
 from splatcore.app.cli.describe import antialiased_line
 from splatcore.app.cli.options import Cameras
 from splatcore.sim.common.output import console, progress_bar
-from splatcore.sim.common.table import new_table, print_whole, shown
+from splatcore.sim.common.table import NONE, Column, Table
 from splatcore.sim.frame.metric import decibels
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import check_fits, check_one, check_source, open_path, open_source
@@ -123,46 +123,34 @@ def folded(rows: Sequence[dict], fold: Callable[[list], float]) -> dict:
     return found
 
 
-def cell(*keys: str, form: str = ",.0f", scale: float = 1) -> Callable[[dict], str]:
-    """Return a function that formats the number under nested keys of a row."""
-
-    def show(row: dict) -> str:
-        for key in keys:
-            row = None if row is None else row.get(key)
-        return shown(row, form, scale)
-
-    return show
-
-
-ERRORS = {f"dB, {name}": partial(decibels, name=name) for name in ("machine", "scene")} | {
-    "dB, packing": cell("packing", "psnr_db_packing", form=".2f"),
-    "max error, machine": cell("max_error_machine", form=".4f"),
-    "max error, scene": cell("max_error_scene", form=".4f"),
-}
-"""Columns of a machine's errors: heading → text of a row."""
+ERRORS = [
+    *(
+        Column(f"dB, {name}", digits=2, get=partial(decibels, name=name))
+        for name in ("machine", "scene")
+    ),
+    Column("dB, packing", digits=2, get="packing.psnr_db_packing"),
+    Column("max error, machine", digits=4, get="max_error_machine"),
+    Column("max error, scene", digits=4, get="max_error_scene"),
+]
+"""Columns of a machine's errors."""
 
 
-def print_table(
-    shot: Shot, rows: list[dict], columns: dict[str, Callable[[dict], str]], title: str
-) -> dict:
+def print_table(shot: Shot, rows: list[dict], columns: Sequence[Column], title: str) -> dict:
     """Print a table of rows and their summaries; return the content of `--json`.
 
     shot: one of the scene's frames
-    columns: heading → function from a row to the text of a cell
+    columns: those without any value are left out
     """
     source, facts = shot.source, {name: folded(rows, fold) for name, fold in FOLDS.items()}
-    lines = [(row["camera"], row) for row in rows]
-    lines += [(LABELS[name], row) for name, row in facts.items()]
-    cells = {name: [show(row) for _, row in lines] for name, show in columns.items()}
-    cells = {name: texts for name, texts in cells.items() if set(texts) != {"–"}}
-    table = new_table("camera", cells, title)
-    for number, (name, _) in enumerate(lines):
-        texts = (column[number] for column in cells.values())
-        table.add_row(name, *texts, end_section=number == len(rows) - 1)
-    print_whole(table)
-    console.print(f"{source.name}: {antialiased_line(source)}", soft_wrap=True)
+    lines = rows + [{"camera": LABELS[name]} | row for name, row in facts.items()]
+    columns = [
+        column for column in columns if any(column.cell(column.value(row)) != NONE for row in lines)
+    ]
+    strong = frozenset(range(len(rows), len(lines)))
+    Table.of("path", title, [Column("camera"), *columns], lines, (), strong).print()
+    console.print(f"{source.name}: {antialiased_line(source)}")
     if packing := rows[0].get("packing"):
         size = f"{packing['bytes_per_gaussian']:.2f} bytes per Gaussian"
         text = f"{source.name}: packed as {packing['quality']} for all cameras: {size}"
-        console.print(text, soft_wrap=True)
+        console.print(text)
     return source.stated | {"views": rows} | facts

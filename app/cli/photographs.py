@@ -1,12 +1,12 @@
 """The command `photographs`: pictures of a scene in the form of a COLMAP capture."""
 
 import time
+from pathlib import Path
 
 from splatcore.app.cli import options
-from splatcore.app.cli.bench import SchedulerOption
 from splatcore.app.cli.options import option
 from splatcore.model.formats.colmap_write import write_colmap
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.size import parse_size, path_cameras
@@ -17,39 +17,31 @@ from splatcore.study.compression import capture
 
 SHARE = 0.5
 
-ViewsOption = option(int, "N", "Number of photographs.", min=1)
-SizeOption = option(str, "WxH", "Pixels of the photographs.", "--size", panel=options.SCENE)
-CamerasOption = option(
-    str | None,
-    "FILE",
-    "Cameras (cameras.json, transforms.json or COLMAP) on whose path a share of the views is. "
-    "Default: all views are from all around.",
-    panel=options.SCENE,
-)
-ShareOption = option(
-    float | None,
-    "S",
-    f"With --cameras: share of the views on the path, 0 … 1. Default: {SHARE}.",
-    panel=options.SCENE,
-)
-PointsOption = option(int, "N", "Maximum number of points.", min=1)
-SeedOption = option(int, "N", "Random seed of views and points.", min=0)
 
-
-@options.app.command("photographs")
+@options.command("photographs")
 def photographs_command(
-    scene: options.SceneArgument,
-    output: options.FolderOption,
     reading: Reading,
-    views: ViewsOption = 100,
-    size: SizeOption = "1920x1080",
-    cameras: CamerasOption = None,
-    path_share: ShareOption = None,
-    points: PointsOption = 10_000,
-    seed: SeedOption = 0,
-    scheduler: SchedulerOption = None,
-    json: options.JsonOption = None,
-):
+    scene: str = options.ONE_SCENE,
+    output: Path = options.NEW_FOLDER,
+    views: int = option(100, "N", "Number of photographs.", min=1),
+    size: str = option("1920x1080", "WxH", "Pixels of the photographs.", panel=options.SCENE),
+    cameras: str | None = option(
+        None,
+        "FILE",
+        "Cameras (cameras.json, transforms.json or COLMAP) on whose path a share of the views is. "
+        "Default: all views are from all around.",
+        panel=options.SCENE,
+    ),
+    path_share: float | None = option(
+        None,
+        "S",
+        f"With --cameras: share of the views on the path, 0 … 1. Default: {SHARE}.",
+        panel=options.SCENE,
+    ),
+    points: int = option(10_000, "N", "Maximum number of points.", min=1),
+    seed: int = option(0, "N", "Random seed of views and points.", min=0),
+    scheduler: str | None = options.SCHEDULER,
+) -> dict:
     """Render a scene as photographs: pictures, poses and points.
 
     Writes a COLMAP folder for `train` and `compress --images`, which must be new or empty:
@@ -84,8 +76,8 @@ def photographs_command(
     }  # fmt: skip
     where = f"{on_path} on the path, {views - on_path} from all around"
     text = f"{views} photographs of {pixels[0]}x{pixels[1]} ({where}), {len(found[0])} points"
-    console.print(f"{output}: {text}", soft_wrap=True)
-    write_json(json, facts)
+    console.print(f"{output}: {text}")
+    return facts
 
 
 def _given(cameras: str | None, share: float | None, size: str) -> list[Camera]:

@@ -6,48 +6,38 @@ from splatcore.app.cli import options
 from splatcore.app.cli.options import option
 from splatcore.eda.cells.liberty import Library
 from splatcore.eda.cells.liberty_file import read_liberty
-from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.table import print_whole
-from splatcore.spec.config import CLOCK_HZ
+from splatcore.sim.common.output import console, progress_bar
+from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.energy import PROCESS_NM, Energy
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 CELLS = "Standard cells"
 
-FpsOption = option(float | None, "N", "Frames per second. Default: full speed at 800 MHz.", "--fps")
-SampleOption = option(
-    int | None,
-    "N",
-    "Count net changes in one of N windows of cycles; 1: in all. Default: about 32 windows.",
-    "--sample",
-)
-LibertyOption = option(
-    str | None,
+LIBERTY = option(
+    None,
     "FILE",
     "Take the energies of gates from a library (.lib, .lib.gz); needs --process.",
     panel=CELLS,
 )
-ProcessOption = option(
-    float | None,
-    "NM",
-    f"Process of the library, for scaling to {PROCESS_NM} nm.",
-    min=1.0,
-    panel=CELLS,
+PROCESS = option(
+    None, "NM", f"Process of the library, for scaling to {PROCESS_NM} nm.", min=1.0, panel=CELLS
 )
 
 
-@options.app.command("power")
+@options.command("power")
 def power_command(
-    scene: options.SourceArgument,
     view: options.Viewing,
-    preset: options.PresetOption = "DEFAULT",
-    fps: FpsOption = None,
-    sample: SampleOption = None,
-    liberty: LibertyOption = None,
-    process: ProcessOption = None,
-    json: options.JsonOption = None,
-):  # fmt: skip
+    scene: str = options.SOURCE,
+    config: Config = options.PRESET,
+    fps: float | None = option(None, "N", "Frames per second. Default: full speed at 800 MHz."),
+    sample: int | None = option(
+        None,
+        "N",
+        "Count net changes in one of N windows of cycles; 1: in all. Default: about 32 windows.",
+    ),
+    liberty: str | None = LIBERTY,
+    process: float | None = PROCESS,
+) -> dict:
     """ESTIMATE the power of a frame by stage, to first order.
 
     Simulates frames in RTL. The energy of a part is the mean rate of changes of its RTL nets, times
@@ -61,7 +51,6 @@ def power_command(
     The first run for DEFAULT takes half an hour (simulation and synthesis); results are cached (see
     `splatcore cache`).
     """
-    config = find_preset(preset)
     library = _checked(fps, sample, liberty, process)
     shot = view.open(scene, config=config)
     shot.check_fits()
@@ -79,16 +68,16 @@ def power_command(
     found = estimate(counts, gates, config.energy)
     fps = found.fps_max if fps is None else fps
     frame = f"{Path(source.name).name} {'x'.join(map(str, shot.size))}, preset {config.name}"
-    print_whole(table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second"))
+    table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second").print()
     for text in lines(found, fps):
-        console.print(text, soft_wrap=True)
+        console.print(text)
     facts = {
         "preset": config.name, "scene": source.name, "camera": view.camera or shot.camera.name,
         "size": list(shot.size), **source.stated,
     }  # fmt: skip
     if library:
         facts["liberty"] = _cells(library, process, config.energy)
-    write_json(json, facts | report(found, counts, config.energy, fps))
+    return facts | report(found, counts, config.energy, fps)
 
 
 def _checked(
@@ -113,7 +102,7 @@ def _cells(library: Library, process: float, energy: Energy) -> dict:
     """Print the library that was used; return its facts for JSON."""
     volts = library.voltage
     text = f"In cells of {library.name}, scaled from {process:g} nm, {volts:g} V."
-    console.print(text, soft_wrap=True)
+    console.print(text)
     return {
         "library": library.name, "corner": library.corner, "voltage": volts,
         "process_nm": process, "scale": energy.scale(process, volts),

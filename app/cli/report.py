@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.options import MACHINE, OUTPUT, SCENE, app, option
+from splatcore.app.cli.options import MACHINE, SCENE, command, option
 from splatcore.model.formats.file import read_bytes
 from splatcore.model.generate.generate import GENERATORS
 from splatcore.sim.common.choice import check_known
@@ -18,31 +18,8 @@ from splatcore.study.report.kept import Options
 from splatcore.study.report.results import Results
 from splatcore.study.report.titles import SECTIONS, titles
 
-OutputOption = option(Path, "DIR", "Folder to write into.", "-o", "--out", panel=OUTPUT)
-ResultsOption = option(
-    str | None,
-    "DIR",
-    "Read results from this folder only. Default: from results in the -o folder, and those missing "
-    "there from docs/results.",
-)
-KeepOption = option(
-    Path | None, "DIR", "Also write the results as tables for docs/results.", panel=OUTPUT
-)
-PicturesOption = option(Path | None, "DIR", "Also write the plots of docs/ as PNG.", panel=OUTPUT)
-SectionOption = option(list[str] | None, "NAME", "Show only this section; may be repeated.")
-SceneOption = option(
-    list[str] | None,
-    "SCENE",
-    "Show only this scene; may be repeated. Default: all measured.",
-    panel=SCENE,
-)
-SizeOption = option(str | None, "WxH", "Refuse results of another size.", "--size", panel=SCENE)
-PresetOption = option(
-    str | None, "NAME|FILE", "Refuse results of another machine.", "--preset", panel=MACHINE
-)
 
-
-@app.command(
+@command(
     "report",
     help=f"{COMMANDS['report'].summary}\n\n"
     "DIR/report.html needs no network and no other file; report.json and tables/*.csv have the "
@@ -54,15 +31,27 @@ PresetOption = option(
     f"\n\nSections: {', '.join(SECTIONS)}. Section fit shows results/fit/*.json.",
 )
 def report_command(
-    output: OutputOption,
-    results: ResultsOption = None,
-    section: SectionOption = None,
-    scene: SceneOption = None,
-    size: SizeOption = None,
-    preset: PresetOption = None,
-    keep: KeepOption = None,
-    pictures: PicturesOption = None,
-):  # fmt: skip
+    output: Path = option(..., "DIR", "Folder to write into.", "-o", "--out"),
+    results: str | None = option(
+        None,
+        "DIR",
+        "Read results from this folder only. Default: from results in the -o folder, and those "
+        "missing there from docs/results.",
+    ),
+    section: list[str] | None = option(None, "NAME", "Show only this section; may be repeated."),
+    scene: list[str] | None = option(
+        None,
+        "SCENE",
+        "Show only this scene; may be repeated. Default: all measured.",
+        panel=SCENE,
+    ),
+    size: str | None = option(None, "WxH", "Refuse results of another size.", panel=SCENE),
+    preset: str | None = option(
+        None, "NAME|FILE", "Refuse results of another machine.", panel=MACHINE
+    ),
+    keep: Path | None = option(None, "DIR", "Also write the results as tables for docs/results."),
+    pictures: Path | None = option(None, "DIR", "Also write the plots of docs/ as PNG."),
+):
     names = list(dict.fromkeys(section or titles()))
     check_known("--section", titles(), *names)
     size = "x".join(map(str, parse_size(size))) if size else None
@@ -83,12 +72,12 @@ def report_command(
     )  # fmt: skip
     parts = [compose(name, found) for name in names]
     for path in write_report(output, parts)[:2]:
-        console.print(str(path), soft_wrap=True)
+        console.print(str(path))
     for path in _more(found, keep, pictures):
-        console.print(str(path), soft_wrap=True)
+        console.print(str(path))
     problems = [(part.name, text) for part in parts for text in part.problems]
     for name, text in problems:
-        messages.print(f"{name}: {text}", markup=False, soft_wrap=True)
+        messages.print(f"{name}: {text}", soft_wrap=True)
     if problems:
         raise typer.Exit(1)
 

@@ -6,12 +6,10 @@ from pathlib import Path
 from splatcore.app.cli import describe
 from splatcore.app.cli.commands import COMMANDS
 from splatcore.app.cli.options import (
-    OUTPUT,
-    AntialiasedOption,
-    JsonOption,
-    SourceArgument,
-    app,
+    ANTIALIASED,
+    SOURCE,
     argument,
+    command,
     option,
 )
 from splatcore.model.cameras.join import in_view, side_by_side
@@ -20,53 +18,47 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.common import notes
 from splatcore.sim.common import output as files
-from splatcore.sim.common.output import console, progress_bar, write_json
+from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.frame.reading import Marks, Reading
 from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.source import check_source, open_source
 from splatcore.spec.camera import Camera
 from splatcore.spec.scene import Scene
 
-NameArgument = argument(str, "NAME", "Scene to generate.")
-OutputOption = option(Path, "FILE.ply", "Scene file to write.", "-o", panel=OUTPUT)
-CountOption = option(int | None, "N", "Number of Gaussians.")
-SeedOption = option(int, "N", "Random seed.")
-CamerasOption = option(Path | None, "FILE.json", "Also write the scene's camera.", panel=OUTPUT)
-ScenesArgument = argument(list[str], "SCENE …", "Scenes, from left to right.")
-BehindOption = option(
-    str | None, "SCENE", "Also put a scene behind the camera: it is loaded and never visible."
-)
-KeptOption = option(
-    int | None, "N", "Keep N Gaussians, picked evenly; those behind the camera are dropped first."
-)
+PLY = option(..., "FILE.ply", "Scene file to write.")
+CAMERAS_FILE = option(None, "FILE.json", "Also write the scene's camera.")
 
 
-@app.command(
+@command(
     "scene",
     help=f"{COMMANDS['scene'].summary}\n\nNAME is `garden`, the embedded default, "
     "or one of the hard cases: " + ", ".join(name for name in GENERATORS if name != "garden") + ".",
 )
 def scene_command(
-    name: NameArgument,
-    output: OutputOption,
-    count: CountOption = None,
-    seed: SeedOption = 0,
-    cameras: CamerasOption = None,
-    antialiased: AntialiasedOption = None,
+    name: str = argument(..., "NAME", "Scene to generate."),
+    output: Path = PLY,
+    count: int | None = option(None, "N", "Number of Gaussians."),
+    seed: int = option(0, "N", "Random seed."),
+    cameras: Path | None = CAMERAS_FILE,
+    antialiased: bool | None = ANTIALIASED,
 ):
     with progress_bar(f"generating {name}"):
         made = replace(generate(name, count, seed), antialiased=bool(antialiased))
         _write(output, cameras, made, generated_camera(name))
 
 
-@app.command("join")
+@command("join")
 def join_command(
-    scene: ScenesArgument,
-    output: OutputOption,
     reading: Marks,
-    behind: BehindOption = None,
-    count: KeptOption = None,
-    cameras: CamerasOption = None,
+    scene: list[str] = argument(..., "SCENE …", "Scenes, from left to right."),
+    output: Path = PLY,
+    behind: str | None = option(
+        None, "SCENE", "Also put a scene behind the camera: it is loaded and never visible."
+    ),
+    count: int | None = option(
+        None, "N", "Keep N Gaussians, picked evenly; those behind the camera are dropped first."
+    ),
+    cameras: Path | None = CAMERAS_FILE,
 ):
     """Put scenes side by side in front of one camera, in one PLY file.
 
@@ -96,12 +88,11 @@ def _write(output: Path, cameras: Path | None, scene: Scene, camera: Camera):
     console.print(f"{output}: {len(scene)} Gaussians, SH degree {scene.sh_degree}")
 
 
-@app.command("info")
+@command("info")
 def info_command(
-    scene: SourceArgument,
     reading: Marks,
-    json: JsonOption = None,
-):
+    scene: str = SOURCE,
+) -> dict:
     """Show the contents of a scene or packed model.
 
     Prints counts, extents, ranges of values, and notes on anything unusual.
@@ -110,5 +101,5 @@ def info_command(
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, Reading(**vars(reading)))
         facts = describe.describe(source)
-    console.print(describe.table(facts, notes=True))
-    write_json(json, facts)
+    describe.table(facts, notes=True).print()
+    return facts

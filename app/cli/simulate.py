@@ -9,61 +9,50 @@ import typer
 
 from splatcore.app.cli import describe, options
 from splatcore.app.cli.options import RTL, option
-from splatcore.sim.common.output import check_distinct, check_writable, console, write_json
+from splatcore.sim.common.output import check_distinct, check_writable, console
 from splatcore.sim.frame.metric import Difference, Result, against, metrics_line
 from splatcore.sim.frame.picture import write_error_map, write_png
 from splatcore.sim.frame.shot import Shot, judge
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.sim.machine.script import find_timing
+from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 if TYPE_CHECKING:
     from splatcore.golden import pipeline
     from splatcore.sim.machine.machine import Machine, Run
     from splatcore.sim.machine.waves import Recording, Window
 
-WAVES_MAX = 1000.0  # MB, default of --waves-max
-
-OutputOption = option(Path, "OUT.png", "Picture to write.", "-o", panel=options.OUTPUT)
-FramesOption = option(
-    int, "N", "Number of frames, on a small orbit; pictures are numbered.", panel=RTL
-)
-TimingOption = option(str, "NAME", "Memory model: 'ideal' or 'lpddr4' (64 bits wide).", panel=RTL)
-ErrorMapOption = option(Path | None, "FILE.png", "Draw an error map of the first frame.", panel=RTL)
-WavesOption = option(
-    Path | None,
-    "FILE",
-    "Record waveforms of --window or --tile (.vcd or .fst), with .gtkw and .sucl files.",
-    panel=RTL,
-)
-WindowOption = option(str | None, "FIRST:LAST", "Cycles for --waves.", panel=RTL)
-TileOption = option(
-    str | None, "COLUMN,ROW", "Tile for --waves: the cycles of its group in frame 0.", panel=RTL
-)
-ScopeOption = option(
-    str | None,
-    "MODULE",
-    "Module for --waves, with everything inside, like raster.setup.",
-    panel=RTL,
-)
-WavesMaxOption = option(float, "MB", "Maximum estimated size of --waves.", panel=RTL)
+TIMING = option("lpddr4", "NAME", "Memory model: 'ideal' or 'lpddr4' (64 bits wide).", panel=RTL)
 
 
 @dataclass(frozen=True)
 class Request:
-    """The options of RTL simulation, as on the command line."""
+    """The options of RTL simulation."""
 
-    output: Path
-    frames: int = 1
-    timing: str = "lpddr4"
-    error_map: Path | None = None
-    waves: Path | None = None
-    window: str | None = None
-    tile: str | None = None
-    scope: str | None = None
-    waves_max: float = WAVES_MAX
+    output: Path = option(..., "OUT.png", "Picture to write.")
+    frames: int = option(
+        1, "N", "Number of frames, on a small orbit; pictures are numbered.", panel=RTL
+    )
+    timing: str = TIMING
+    error_map: Path | None = option(
+        None, "FILE.png", "Draw an error map of the first frame.", panel=RTL
+    )
+    waves: Path | None = option(
+        None,
+        "FILE",
+        "Record waveforms of --window or --tile (.vcd or .fst), with .gtkw and .sucl files.",
+        panel=RTL,
+    )
+    window: str | None = option(None, "FIRST:LAST", "Cycles for --waves.", panel=RTL)
+    tile: str | None = option(
+        None, "COLUMN,ROW", "Tile for --waves: the cycles of its group in frame 0.", panel=RTL
+    )
+    scope: str | None = option(
+        None, "MODULE", "Module for --waves, with everything inside, like raster.setup.", panel=RTL
+    )
+    waves_max: float = option(1000.0, "MB", "Maximum estimated size of --waves.", panel=RTL)
 
     def check(self):
         """Raise InputError for options that do not go together, or an unwritable output."""
@@ -75,7 +64,7 @@ class Request:
         if self.scope and not self.waves:
             raise InputError("--scope: goes with --waves")
         if self.waves:
-            from splatcore.sim.machine.wave_kind import check_kind
+            from splatcore.sim.machine.wave_files import check_kind
 
             check_kind(self.waves)
         written = [("-o", self.picture(k)) for k in range(self.frames)]
@@ -89,36 +78,26 @@ class Request:
         return path if self.frames == 1 else path.with_name(f"{path.stem}-{k:03}{path.suffix}")
 
 
-@options.app.command("simulate")
+@options.command("simulate")
 def simulate_command(
-    scene: options.SourceArgument,
     view: options.Viewing,
-    output: OutputOption,
-    preset: options.PresetOption = "DEFAULT",
-    background: options.BackgroundOption = "0,0,0",
-    frames: FramesOption = 1,
-    timing: TimingOption = "lpddr4",
-    error_map: ErrorMapOption = None,
-    waves: WavesOption = None,
-    window: WindowOption = None,
-    tile: TileOption = None,
-    scope: ScopeOption = None,
-    waves_max: WavesMaxOption = WAVES_MAX,
-    json: options.JsonOption = None,
-):
+    request: Request,
+    scene: str = options.SOURCE,
+    config: Config = options.PRESET,
+    background: tuple[float, float, float] = options.BACKGROUND,
+) -> dict:
     """Simulate the hardware in RTL: pictures, cycles, waveforms.
 
     Every frame is compared with the golden model's, to the bit, and with the reference's of the
     same packed model ("machine") and of the original scene ("scene"). Exit status 1 if a pixel
     differs from the golden model's.
     """
-    request = Request(output, frames, timing, error_map, waves, window, tile, scope, waves_max)
-    convention = replace(SPLATCORE, background=options.parse_colour(background))
-    run(scene, view, request, json, config=find_preset(preset), convention=convention)
+    convention = replace(SPLATCORE, background=background)
+    return run(scene, view, request, config=config, convention=convention)
 
 
-def run(scene: str, view: options.Viewing, request: Request, json: Path | None, **machine):
-    """Simulate frames in RTL, write and compare them; exit with status 1 if one is wrong.
+def run(scene: str, view: options.Viewing, request: Request, **machine) -> dict:
+    """Simulate frames in RTL, write and compare them; return the result for --json.
 
     machine: `config` and `convention`
     """
@@ -141,24 +120,23 @@ def run(scene: str, view: options.Viewing, request: Request, json: Path | None, 
         if frame.pixels is not None:
             write_png(request.picture(k), frame.pixels)
     if not done.done:
-        console.print(f"the machine failed: {done.why}", soft_wrap=True)
+        console.print(f"the machine failed: {done.why}")
         raise typer.Exit(1)
     metrics = [judge(*pair) for pair in zip(done.frames, shots, strict=True)]
     if request.error_map:
         title = f"{shot.source.name}: hardware against the reference on the same packed model"
         write_error_map(request.error_map, done.frames[0].pixels, shots[0].reference, title)
     if shot.packed:
-        console.print(shots[0].packing_line, soft_wrap=True)
-    console.print(describe.antialiased_line(shot.source), soft_wrap=True)
+        console.print(shots[0].packing_line)
+    console.print(describe.antialiased_line(shot.source))
     same = report(shot, done, expected, metrics, request)
     result = Result(
         "rtl", shot.config.name, shot.source.name, view.camera or shot.camera.name, shot.size,
         round(time.perf_counter() - begin, 3), expected[0].counts, packing=shots[0].packing,
         identical=all(same), **shot.source.stated, **against(metrics[0]),
     )  # fmt: skip
-    write_json(json, facts(done, result, metrics, same, find_timing(request.timing).name))
-    if not result.identical:
-        raise typer.Exit(1)
+    found = facts(done, result, metrics, same, find_timing(request.timing).name)
+    return options.result(found, not result.identical)
 
 
 def simulated(shots: list[Shot], request: Request, first: "pipeline.Frame") -> "Run":
@@ -167,7 +145,7 @@ def simulated(shots: list[Shot], request: Request, first: "pipeline.Frame") -> "
     first: the golden model's frame of the first one
     """
     from splatcore.sim.machine.path import build, simulate
-    from splatcore.sim.machine.wave_kind import check_kind
+    from splatcore.sim.machine.wave_files import check_kind
     from splatcore.sim.machine.waves import Window, write_waves
 
     config, jobs = shots[0].config, [shot.job for shot in shots]
@@ -185,9 +163,7 @@ def planned(
 ) -> "Recording":
     """Plan the recording and print its estimated size; raise InputError if it is too large."""
     from splatcore.sim.cycles.frame import frame_cycles
-    from splatcore.sim.machine.wave_kind import DEEPEST, check_kind
-    from splatcore.sim.machine.wave_names import find_scope, within
-    from splatcore.sim.machine.wave_size import estimate
+    from splatcore.sim.machine.wave_files import DEEPEST, check_kind, estimate, find_scope, within
     from splatcore.sim.machine.waves import Recording, names_of
 
     timing, names = find_timing(request.timing), names_of(machine)
@@ -206,7 +182,7 @@ def planned(
             f"--waves {request.waves}: {text} are above --waves-max {request.waves_max:g}; "
             "use --scope, a shorter --window or .fst"
         )
-    console.print(f"{request.waves}: {text}", soft_wrap=True)
+    console.print(f"{request.waves}: {text}")
     return recording
 
 
@@ -231,14 +207,13 @@ def report(
         console.print(
             f"{request.picture(k)}: "
             f"{'identical to the golden model' if found is None else found}; "
-            f"against the reference: {metrics_line(metric)}",
-            soft_wrap=True,
+            f"against the reference: {metrics_line(metric)}"
         )
     table = {f"cycles, {name}": value for name, value in engines.cycles(run).items()}
     table["fps_at_800mhz"] = table.pop("cycles, fps_at_800mhz")
     last = run.frames[-1]
     table |= last.counters | {"traffic, MB": sum(last.traffic.values()) / 1e6}
-    console.print(describe.table(table))
+    describe.table(table).print()
     return same
 
 

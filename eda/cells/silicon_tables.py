@@ -1,6 +1,5 @@
 """Output of `splatcore synth --liberty`: tables, the longest paths, mm² at 28 nm."""
 
-from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
@@ -26,16 +25,48 @@ from splatcore.eda.cells.static_timing import (
     Assumed,
 )
 from splatcore.eda.deliver.verilog import constraints
-from splatcore.eda.gates.machine_gates import add_parts, netlist
+from splatcore.eda.gates.machine_gates import netlist, parts_table
 from splatcore.eda.gates.macros import memory_size
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.output import console, make_folder, progress_bar, write
-from splatcore.sim.common.table import comma_separated, new_table, print_whole, shown
+from splatcore.sim.common.table import Column, Table, comma_separated, shown
 from splatcore.spec.config import KB, Config
 
 PARTS = STAGES | CONTROL | PRIMITIVES
 
-COLUMNS = "um²|NAND2|flip-flops|buffers|ps|FO4|ps, wires|FO4, wires|28 nm: MHz".split("|")
+STAGE_COLUMNS = (
+    Column("stage"),
+    Column("um²", digits=0, get="um2"),
+    Column("NAND2", digits=0, get="nand2"),
+    Column("flip-flops", digits=0, get="flip_flops"),
+    Column("buffers", digits=1, get=lambda row: f"{row['buffers'] / (row['cells'] or 1):.1%}"),
+    Column("ps", digits=0, get="longest.ps"),
+    Column("FO4", digits=1, get="longest.fo4"),
+    Column("ps, wires", digits=0, get="longest_with_wires.ps"),
+    Column("FO4, wires", digits=1, get="longest_with_wires.fo4"),
+    Column("28 nm: MHz", digits=0, get=lambda row: _clocks(row["longest"])),
+)
+
+PART_COLUMNS = (
+    Column("count", digits=0, none=""),
+    Column("um²", digits=0, get="um2"),
+    Column("NAND2", digits=0, get="nand2"),
+    Column("flip-flops", digits=0, get="flip_flops"),
+    Column("buffers", digits=1, none=""),
+    Column("FO4 alone", digits=1, get="fo4", none=""),
+    Column("wires", digits=1, get="fo4_wires", none=""),
+    Column("paper", digits=0, none=""),
+)
+
+PATH_COLUMNS = (
+    Column(f"paths above {LONG_FO4} FO4", get=lambda row: f"{row['from_part']} → {row['to_part']}"),
+    Column("ends", digits=0),
+    Column("FO4", digits=1, get="fo4"),
+    Column("ps", digits=0),
+    Column("from"),
+    Column("to"),
+)
+
 PATHS = ("longest", "between_registers", "longest_with_wires")
 
 
@@ -90,17 +121,8 @@ def _about(library: Library) -> dict:
 def _print_stages(config: Config, library: Library, stages: dict[str, dict]):
     """Print a table of stages and one line per path."""
     about = _about(library)
-    table = new_table("stage", COLUMNS, f"preset {config.name} in {library.name}")
-    for name, facts in stages.items():
-        longest, wired = facts["longest"] or {}, facts["longest_with_wires"] or {}
-        slow, fast = longest.get("mhz_28nm", (None, None))
-        table.add_row(
-            name, f"{facts['um2']:,.0f}", f"{facts['nand2']:,.0f}", f"{facts['flip_flops']:,}",
-            f"{facts['buffers'] / (facts['cells'] or 1):.1%}", shown(longest.get("ps"), ",.0f"),
-            shown(longest.get("fo4"), ".1f"), shown(wired.get("ps"), ",.0f"),
-            shown(wired.get("fo4"), ".1f"), f"{shown(slow, '.0f')}–{shown(fast, '.0f')}",
-        )  # fmt: skip
-    print_whole(table)
+    rows = ({"stage": name} | facts for name, facts in stages.items())
+    Table.of("silicon", f"preset {config.name} in {library.name}", STAGE_COLUMNS, rows).print()
     for name, facts in stages.items():
         for kind in PATHS:
             if facts[kind] is not None and not (
@@ -129,23 +151,15 @@ def _print_machine(
     config: Config, library: Library, parts: list[Placed], whole: Silicon, process: float | None
 ) -> dict:
     """Print the machine's parts, slow paths across them, mm² at 28 nm; return them for JSON."""
-    headings = ("count", "um²", "NAND2", "flip-flops", "buffers", "FO4 alone", "wires", "paper")
-    table = new_table("part", headings, f"preset {config.name} in {library.name}")
-    add_parts(table, parts, partial(_row, library))
-    print_whole(table)
+    title = f"preset {config.name} in {library.name}"
+    parts_table(title, PART_COLUMNS, parts, partial(_row, library)).print()
     cells, total = len(whole.netlist.kinds), sum(each.um2 for each in parts)
     _print(
         f"Assembled: {cells:,} cells, {whole.netlist.area:,.0f} um²; the sum of the parts is "
         f"{total:,.0f} um². Memories: {len(whole.netlist.memories)}."
     )
     paths = long_paths(whole.timing)
-    table = new_table(f"paths above {LONG_FO4} FO4", ("ends", "FO4", "ps"), texts=("from", "to"))
-    for row in paths:
-        name = f"{row['from_part']} → {row['to_part']}"
-        table.add_row(
-            name, f"{row['ends']:,}", f"{row['fo4']:.1f}", f"{row['ps']:,}", row["from"], row["to"]
-        )
-    print_whole(table)
+    Table.of("paths", "", PATH_COLUMNS, paths).print()
     sizes = (memory_size(module) for _, module, _ in whole.netlist.memories)
     kilobytes = sum(words * bits for words, bits in sizes) / 8 / KB
     mm2 = area_28nm(total / library.nand2.area, kilobytes)
@@ -182,18 +196,21 @@ def _area_line(mm2: dict[str, float], kilobytes: float, process: float | None) -
     )
 
 
-def _row(library: Library, parts: list[Placed], theirs: int | None) -> Iterable[str]:
-    """Cells of a table row: sums."""
-    yield str(parts[0].count) if len(parts) == 1 else ""
-    um2 = sum(each.um2 for each in parts)
-    yield f"{um2:,.0f}"
-    yield f"{um2 / library.nand2.area:,.0f}"
-    yield f"{sum(each.flip_flops for each in parts):,}"
-    alone = parts[0] if len(parts) == 1 else None
-    yield f"{alone.buffers:.1%}" if alone else ""
-    for depth in (alone and alone.fo4, alone and alone.fo4_wires):
-        yield shown(depth, ".1f", none="")
-    yield f"{theirs:,}" if theirs else ""
+def _row(library: Library, parts: list[Placed], theirs: int | None) -> dict:
+    """A row of the table: sums, and what one part has alone."""
+    um2, only = sum(each.um2 for each in parts), parts[0]
+    alone = {"count": only.count, "buffers": f"{only.buffers:.1%}", "fo4": only.fo4}
+    alone |= {"fo4_wires": only.fo4_wires}
+    return {
+        "um2": um2, "nand2": um2 / library.nand2.area, "paper": theirs,
+        "flip_flops": sum(each.flip_flops for each in parts),
+    } | (alone if len(parts) == 1 else dict.fromkeys(alone))  # fmt: skip
+
+
+def _clocks(longest: dict | None) -> str:
+    """The range of clocks at 28 nm in MHz, as text."""
+    slow, fast = (longest or {}).get("mhz_28nm", (None, None))
+    return f"{shown(slow, '.0f')}–{shown(fast, '.0f')}"
 
 
 def _print(text: str):

@@ -7,14 +7,12 @@ boundaries, and a path through several pieces is measured in each of them.
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
-
-from rich.table import Table
 
 from splatcore.eda.gates.hierarchy import Hierarchy, Instance
 from splatcore.eda.gates.macros import Macros, memory_name
@@ -22,7 +20,7 @@ from splatcore.eda.gates.synth import DEPTH_MAX, Netlist, rtlil_of, yosys
 from splatcore.eda.paper import GATES, GATES_ALL
 from splatcore.hdl.top import Top
 from splatcore.sim.common.output import console, messages, progress_bar
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import Config
 
 
@@ -213,20 +211,35 @@ def sizes(hierarchy: Hierarchy, advance: Callable[..., None]) -> list[Size]:
     return whole
 
 
-def add_parts(
-    table: Table, found: list, row: Callable[[list, int | None], Iterable[str]]
-):  # fmt: skip
-    """Add a row per stage and per part of it, and one for all, to a table.
+def parts_table(
+    title: str, columns: Sequence[Column], found: list, row: Callable[[list, int | None], dict]
+) -> Table:
+    """Table of parts, with a row per stage and per part of it, and one for all.
 
     found: sizes of the parts, each with its `part`
-    row: the cells for some of them and the paper's gates, None for a part
+    row: of some of them and the paper's gates, None for a part
     """
+    rows, strong = [], []
     for stage, parts in groupby(found, key=lambda size: size.part.stage):
         parts = list(parts)
-        table.add_row(stage, *row(parts, GATES.get(stage)), style="bold")
-        for size in parts:
-            table.add_row(f"  {size.part.name}", *row([size], None))
-    table.add_row("all", *row(found, GATES_ALL), style="bold")
+        strong.append(len(rows))
+        rows.append({"part": stage} | row(parts, GATES.get(stage)))
+        rows += [{"part": f"  {size.part.name}"} | row([size], None) for size in parts]
+    strong.append(len(rows))
+    rows.append({"part": "all"} | row(found, GATES_ALL))
+    return Table.of("parts", title, [Column("part"), *columns], rows, (), frozenset(strong))
+
+
+COLUMNS = (
+    Column("count", digits=0, none=""),
+    *(
+        Column(name, digits=1, get=key, per=1000, none="")
+        for name, key in {"each": "each", "all": "nand2", "for speed": "speed_nand2"}.items()
+    ),
+    Column("depth", digits=0),
+    Column("paper", digits=1, per=1000, none=""),
+)
+"""Columns of the gates of a machine's parts."""
 
 
 def synthesise_machine(config: Config) -> dict:
@@ -237,9 +250,7 @@ def synthesise_machine(config: Config) -> dict:
         advance(0, 1, "checking the machine")
         about = examined(whole(hierarchy))
     title = f"preset {config.name}; thousands of NAND2; depth for speed ≤ {DEPTH_MAX}"
-    table = new_table("part", ("count", "each", "all", "for speed", "depth", "paper"), title)
-    add_parts(table, found, _row)
-    console.print(table)
+    parts_table(title, COLUMNS, found, _row).print()
     parted = sum(size.flip_flops_before for size in found)
     console.print(
         f"Flip-flops as described: {parted:,} in the parts, {about['flip_flops_before']:,} in the "
@@ -257,15 +268,15 @@ def synthesise_machine(config: Config) -> dict:
     }
 
 
-def _row(sizes: list[Size], paper: int | None) -> Iterable[str]:
-    """Cells of a table row: sums, and the maximum depth."""
+def _row(sizes: list[Size], paper: int | None) -> dict:
+    """A row of the table: sums, and the maximum depth."""
     nand2, speed = (sum(getattr(size, k) for size in sizes) for k in ("nand2", "speed_nand2"))
     count = sizes[0].count if len(sizes) == 1 else None
-    yield str(count or "")
-    for value in (count and nand2 / count, nand2, speed):
-        yield f"{value / 1000:,.1f}" if value else ""
-    yield str(max(size.speed_depth for size in sizes))
-    yield f"{paper / 1000:,.1f}" if paper else ""
+    return {
+        "count": count, "each": (count and nand2 / count) or None, "nand2": nand2 or None,
+        "speed_nand2": speed or None, "depth": max(size.speed_depth for size in sizes),
+        "paper": paper,
+    }  # fmt: skip
 
 
 def _facts(size: Size) -> dict:

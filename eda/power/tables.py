@@ -2,55 +2,62 @@
 
 from dataclasses import asdict
 
-from rich.table import Table
-
 from splatcore.eda.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
 from splatcore.eda.power.activity import SAMPLE_LENGTH, Counts
 from splatcore.eda.power.estimate import FEMTO, Estimate, Logic, sum_of
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import Energy
 
 MILLI, MEGA = 1e-3, 1e6
 
-HEADINGS = ("NAND2 k", "activity", "gates", "clock", "mW", "paper", "fJ", "paper")
-"""Columns of the table; fJ are per NAND2-equivalent and cycle."""
+COLUMNS = (
+    Column("mW; fJ per NAND2 and cycle", get="name"),
+    Column("NAND2 k", digits=1, get="nand2", per=1000, none=""),
+    Column(
+        "activity", digits=2, get=lambda row: f"{row['activity']:.2%}" if "nand2" in row else ""
+    ),
+    Column("gates", digits=2, get="switching", per=MILLI, none=""),
+    Column("clock", digits=2, per=MILLI, none=""),
+    Column("mW", digits=2, get="power", per=MILLI, none=""),
+    Column("paper", digits=2, per=MILLI, none=""),
+    Column("fJ", digits=3, get="femto", none=""),
+    Column("paper", digits=3, get="paper_femto", none=""),
+)
+"""Columns of the table; powers in W, 0 is empty; fJ are per NAND2-equivalent and cycle."""
 
-NOTHING = [""] * 4  # empty cells of the columns before mW
+POWERS = ("switching", "clock", "power", "paper")
 
 
 def table(found: Estimate, fps: float, title: str) -> Table:
     """Table of mW by stage, for logic and memories."""
-    made = new_table("mW; fJ per NAND2 and cycle", HEADINGS, title)
-    for stage, logic in found.stages.items():
-        made.add_row(stage, *_logic(logic, found.cycles, fps, *LOGIC.get(stage, (0, 0))))
+    rows = [
+        {"name": stage} | _logic(logic, found.cycles, fps, *LOGIC.get(stage, (0, 0)))
+        for stage, logic in found.stages.items()
+    ]
     for stage, memory in found.stage_memories.items():
         name, paper = MEMORY_POWER.get(stage, ("", 0))
-        made.add_row(
-            f"memories, {stage}" + (f"; paper: {name}" if name else ""), *NOTHING,
-            _milli(memory.access * fps + memory.leakage), _milli(paper),
-        )  # fmt: skip
+        name = f"memories, {stage}" + (f"; paper: {name}" if name else "")
+        rows.append({"name": name, "power": memory.access * fps + memory.leakage, "paper": paper})
     nand2, paper = (sum(each) for each in zip(*LOGIC.values(), strict=True))
     every = sum_of(list(found.stages.values()))
-    made.add_row("all logic", *_logic(every, found.cycles, fps, nand2, paper), style="bold")
-    made.add_row("all", *NOTHING, _milli(found.power(fps)), _milli(POWER), style="bold")
-    made.add_row("DRAM, not included", *NOTHING, _milli(sum(found.dram.values()) * fps))
-    return made
+    strong = frozenset((len(rows), len(rows) + 1))
+    rows.append({"name": "all logic"} | _logic(every, found.cycles, fps, nand2, paper))
+    rows.append({"name": "all", "power": found.power(fps), "paper": POWER})
+    rows.append({"name": "DRAM, not included", "power": sum(found.dram.values()) * fps})
+    for row in rows:
+        row |= {key: row.get(key) or None for key in POWERS}
+    return Table.of("power", title, COLUMNS, rows, (), strong)
 
 
-def _milli(watts: float) -> str:
-    return f"{watts / MILLI:,.2f}" if watts else ""
-
-
-def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) -> tuple[str, ...]:
-    """Cells of a stage. nand2, paper: NAND2-equivalents and W of the paper's stage."""
-    femto = logic.frame / (logic.nand2 * cycles) / FEMTO
-    return (
-        f"{logic.nand2 / 1000:,.1f}", f"{logic.activity:.2%}",
-        _milli(logic.switching * fps), _milli(logic.clock * fps),
-        _milli(logic.frame * fps + logic.leakage), _milli(paper),
-        f"{femto:.3f}", f"{implied(nand2, paper):.3f}" if nand2 else "",
-    )  # fmt: skip
+def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) -> dict:
+    """A stage's row. nand2, paper: NAND2-equivalents and W of the paper's stage."""
+    return {
+        "nand2": logic.nand2, "activity": logic.activity, "switching": logic.switching * fps,
+        "clock": logic.clock * fps, "power": logic.frame * fps + logic.leakage, "paper": paper,
+        "femto": logic.frame / (logic.nand2 * cycles) / FEMTO,
+        "paper_femto": implied(nand2, paper) if nand2 else None,
+    }  # fmt: skip
 
 
 def implied(nand2: float, watts: float) -> float:

@@ -37,7 +37,7 @@ def add(*lines: str):
             continue
         _known.add(line)
         if _printing and _printing[-1] == os.getpid():
-            messages.print(line, markup=False, soft_wrap=True)
+            messages.print(line, soft_wrap=True)
         else:
             _kept.append(line)
 

@@ -25,8 +25,8 @@ from rich.text import Text
 from splatcore.sim.common.version import version
 from splatcore.spec.error import InputError
 
-console = Console(highlight=False)  # results, on standard output
-messages = Console(stderr=True, highlight=False)  # progress, on standard error
+console = Console(highlight=False, markup=False, soft_wrap=True)  # results, on standard output
+messages = Console(stderr=True, highlight=False, markup=False)  # progress, on standard error
 
 EVERY = 10.0  # seconds between lines of progress if there is no terminal
 
@@ -183,7 +183,7 @@ def _progress_lines(label: str, total: int | None) -> Iterator:
             done, total, text = state[0]
             count = "" if total is None else f" {done:g}/{total:g}"
             line = f"{text}{count}, {time.monotonic() - begin:.0f} s"
-            messages.print(line, markup=False, soft_wrap=True)
+            messages.print(line, soft_wrap=True)
 
     def advance(done: int, total: int | None, label: str = label):
         state[0] = done, total, label

@@ -52,12 +52,12 @@ class Column:
         """The column with another name, and maybe unit, digits and so on."""
         return replace(self, name=name, **changes)
 
-    def value(self, row: dict) -> object:
-        """Its value in a row, in the column's unit."""
+    def value(self, row: object) -> object:
+        """Its value in a row, an object or its dict, in the column's unit."""
         if callable(self.get):
             found = self.get(row)
         else:
-            found = row
+            found = row if isinstance(row, dict) else vars(row)
             for key in (self.get or self.name).split("."):
                 if self.maybe and (not isinstance(found, dict) or key not in found):
                     return None if self.none == NONE else NONE
@@ -82,7 +82,7 @@ class Table:
 
     key: name of its CSV file
     sources: names of the results that it shows
-    strong: numbers of highlighted rows
+    strong: numbers of highlighted rows, as sums
     commands, versions: that produced these results
     """
 
@@ -97,7 +97,7 @@ class Table:
 
     @classmethod
     def of(
-        cls, key: str, caption: str, columns: Sequence[Column], rows: Iterable[dict], *more
+        cls, key: str, caption: str, columns: Sequence[Column], rows: Iterable[object], *more
     ) -> "Table":
         """A table of objects, one per row, from which each column takes its value."""
         values = [[column.value(row) for column in columns] for row in rows]
@@ -131,50 +131,31 @@ class Table:
         lines += [f"| {' | '.join(row)} |" for row in self.cells()]
         return f"{self.caption}\n\n" + ("\n".join(lines) if self.rows else "none")
 
-    def terminal(self) -> RichTable:
-        """The table for the terminal, with a line above each highlighted row but the first."""
-        drawn = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=self.caption or None)
+    def print(self):
+        """Print the table at its full width, on any terminal; highlighted rows are bold, below a
+        line."""
+        headed = any(column.heading for column in self.columns)
+        drawn = RichTable(
+            box=box.SIMPLE_HEAD if headed else None, padding=(0, 1, 0, 0), pad_edge=headed,
+            show_header=headed, title=self.caption or None,
+        )  # fmt: skip
         for number, column in enumerate(self.columns):
             right = column.digits is not None
             drawn.add_column(
                 column.heading, justify="right" if right else "left", no_wrap=right or not number
             )
-        for row in self.cells():
-            drawn.add_row(*row)
-        return drawn
-
-    def print(self):
-        """Print the table at its full width."""
-        print_whole(self.terminal())
-
-
-def new_table(
-    first: str, headings: Iterable[str], title: str | None = None, texts: Iterable[str] = ()
-) -> RichTable:
-    """Return a table with one column of names, then columns of numbers, then columns of text.
-
-    first: heading of the names
-    headings: of the numbers
-    texts: headings of the texts
-    """
-    table = RichTable(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title=title)
-    table.add_column(first, no_wrap=True)
-    for text in headings:
-        table.add_column(text, justify="right", no_wrap=True)
-    for text in texts:
-        table.add_column(text)
-    return table
+        for number, row in enumerate(self.cells()):
+            strong = number in self.strong
+            drawn.add_row(*row, style="bold" if strong else "")
+            drawn.rows[-1].end_section = not strong and number + 1 in self.strong
+        room = console.options.update(max_width=WIDEST)
+        width = Measurement.get(console, room, drawn).maximum
+        Console(width=width, highlight=False, markup=False).print(drawn)
 
 
 def shown(value: float | None, form: str, scale: float = 1, none: str = NONE) -> str:
     """Format a number divided by `scale`; return `none` for None."""
     return none if value is None else format(value / scale, form)
-
-
-def print_whole(table: RichTable):
-    """Print a table at its full width, on any terminal."""
-    room = Measurement.get(console, console.options.update(max_width=WIDEST), table).maximum
-    Console(width=room).print(table)
 
 
 def comma_separated(rows: Sequence[dict]) -> str:

@@ -57,6 +57,11 @@ class Reading(Marks):
     )
 
     @property
+    def reading(self) -> "Reading":
+        """These options alone, of a command that has more."""
+        return Reading(self.antialiased, self.axes, self.near)
+
+    @property
     def options(self) -> tuple[str, ...]:
         """The given options, as on the command line."""
         axes = f"--axes {self.axes}" if self.axes else None

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.rtl.build import SimulationError
-from splatcore.sim.rtl.initial import state_of
+from splatcore.sim.rtl.verilator import state_of
 from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses

@@ -16,8 +16,7 @@ from splatcore.sim.machine.diagnosis import place_in_group
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.script import Timing
-from splatcore.sim.machine.wave_kind import LEVELS
-from splatcore.sim.machine.wave_names import Signal, signals
+from splatcore.sim.machine.wave_files import LEVELS, Signal, signals
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError

@@ -11,8 +11,7 @@ from pathlib import Path
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
 from splatcore.sim.common.output import write
 from splatcore.sim.rtl.coverage import COUNTING, counted
-from splatcore.sim.rtl.initial import STATE, without_initial
-from splatcore.sim.rtl.verilator import environment, with_settings
+from splatcore.sim.rtl.verilator import STATE, environment, with_settings, without_initial
 
 KIND = "streams"  # the cache's folder of compiled simulations
 CPP = Path(__file__).parent  # the folder of the C++

@@ -18,7 +18,7 @@ from amaranth.lib import stream, wiring
 from splatcore.sim.rtl.build import CPP, SimulationError, build
 from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.coverage import counted
-from splatcore.sim.rtl.initial import state_of
+from splatcore.sim.rtl.verilator import state_of
 
 IDLE_MAX = 20_000  # cycles without a transfer after which a run ends
 TAIL = 64  # cycles after the last expected row, to detect additional rows

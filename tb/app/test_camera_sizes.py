@@ -15,7 +15,7 @@ from splatcore.sim.frame.source import open_source
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
-from tb.helpers.command import check_refused, run, write_scene
+from tb.helpers.command import check_refused, run
 
 LARGE = Camera(9504, 6336, 7425, 7425, 4752, 3168, np.eye(3), [0, 0, 3])
 SMALL = LARGE.resized(60, 40)
@@ -23,20 +23,18 @@ POINTS = np.zeros((1, 3)), np.zeros((1, 3), np.uint8)
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder):
     """A folder with a scene, 64×48 cameras, and one view as captures `large`, `small`, `angle`."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
     for name, camera in {"large": LARGE, "small": SMALL}.items():
-        folder = Path(name, "sparse")
-        folder.mkdir(parents=True)
-        write_colmap(folder, [(camera, "a.png")], POINTS, [np.zeros(1, int)])
+        sparse = Path(name, "sparse")
+        sparse.mkdir(parents=True)
+        write_colmap(sparse, [(camera, "a.png")], POINTS, [np.zeros(1, int)])
     frame = {"transform_matrix": np.diag([1, -1, -1, 1]).tolist()}
     frame["transform_matrix"][2][3] = -3
     Path("angle").mkdir()
     value = {"camera_angle_x": float(2 * np.arctan(60 / 2 / SMALL.fx)), "frames": [frame]}
     Path("angle/transforms.json").write_text(json.dumps(value))
-    return tmp_path
+    return folder
 
 
 def lines(capsys) -> list[str]:

@@ -21,18 +21,16 @@ from splatcore.sim.frame.source import open_source, opened
 from splatcore.sim.frame.unseen import axes_note
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
-from tb.helpers.command import check_refused, load, run, write_scene
+from tb.helpers.command import check_refused, load, run
 from tb.helpers.scene_file import spz_of
 
 UNSTATED = "the SPZ file does not state its axes; read as RUB, the format's default"
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder):
     """A folder with one scene as PLY and as SPZ without and with stated axes, and cameras for
     each."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
     scene = read_scene("scene.ply")
     scene = replace(scene, scale=np.clip(scene.scale, 0.005, 300), sh=np.clip(scene.sh, -0.9, 0.9))
     write_ply("scene.ply", scene)
@@ -41,7 +39,7 @@ def place(tmp_path, monkeypatch):
     for name in ("scene", "open", "stated"):
         shutil.copy("cameras.json", f"{name}.cameras.json")
     opened.cache_clear()
-    return tmp_path
+    return folder
 
 
 COMMANDS = """

@@ -6,10 +6,10 @@ import pytest
 import typer
 
 from splatcore.app.cli.main import register
-from splatcore.app.cli.options import App, Command, app
+from splatcore.app.cli.options import NEW_FOLDER, Command, app, option, result, spread
 from splatcore.app.cli.reference import all_commands
 from splatcore.spec.error import InputError
-from tb.helpers.command import run, write_scene
+from tb.helpers.command import load, run, write_scene
 
 
 def test_every_command_is_checked():
@@ -22,12 +22,14 @@ def test_every_command_is_checked():
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, InputError("no"), RuntimeError("no")])
 def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
     """The checks and the clean-up apply to any command, even one defined here."""
-    from splatcore.app.cli.options import FolderOption, JsonOption
+    own = typer.Typer()
 
-    own = App()
-
-    @own.command()
-    def make(output: FolderOption, json: JsonOption = None, keep: bool = False):
+    @own.command(cls=Command)
+    @spread
+    def make(
+        output: Path = NEW_FOLDER,
+        keep: bool = option(False, None, "Leave a file."),
+    ) -> dict:
         (output / "parts").mkdir(parents=True)
         if keep:
             (output / "kept").touch()
@@ -47,6 +49,21 @@ def test_a_new_empty_folder_is_removed(tmp_path, monkeypatch, fault):
     with pytest.raises((error, SystemExit)):
         own(["-o", "old"])
     assert Path("old").exists()
+
+
+def test_a_result_is_written_and_a_wrong_one_exits_with_1(tmp_path):
+    """A parameter's text is read before the command runs."""
+    own, file = typer.Typer(), tmp_path / "a.json"
+
+    @own.command(cls=Command)
+    @spread
+    def judge(even: int = option("2", "N", "A number.", read=int)) -> dict:
+        return result({"even": even}, even % 2)
+
+    for words, status in (([], 0), (["--even", "3"], 1)):
+        with pytest.raises(SystemExit) as stop:
+            own([*words, "--json", str(file)])
+        assert stop.value.code == status and load(file) == {"even": 2 + status}
 
 
 def test_a_campaign_without_a_result_leaves_none(tmp_path, monkeypatch, capsys):

@@ -22,47 +22,30 @@ from splatcore.sim.frame.shot import Shot
 from splatcore.sim.frame.source import Source, open_path, opened
 from splatcore.study.bench import campaign
 from tb.helpers.campaign_tasks import say
-from tb.helpers.command import check_documented, check_refused, load, run, write_scene
+from tb.helpers.command import check_documented, check_refused, load, run
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder):
     """A working folder with a scene, its cameras 4 and 7 in two files, and other camera files."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
     shutil.copy("cameras.json", "scene.cameras.json")
     first, second = json.loads(Path("cameras.json").read_text())
     others = {
         "away": [first, second | {"position": [0, 0, 100]}],
-        "slash": [first | {"id": "a/b"}, second | {"id": "a b"}],
         "names": [first | {"id": "../a"}, second | {"id": "b c"}],
-        "sizes": [first, second | {"width": 63}],
-        "large": [first, second | {"width": 8000}],
         "odd": [each | {"width": 33, "height": 31} for each in (second, first)],
     }
     for name, cameras in others.items():
         Path(f"{name}.json").write_text(json.dumps(cameras))
-    Path("cut.ply").write_bytes(Path("scene.ply").read_bytes()[:5000])
-    Path("pictures").mkdir()
-    shutil.copy("scene.ply", "pictures/4.png")
-    Path("taken/7.png").mkdir(parents=True)
     opened.cache_clear()
-    return tmp_path
+    return folder
 
 
 @pytest.fixture
-def here(place, monkeypatch):
+def here(place, in_turn):
     """That folder; campaign tasks run in this process, the last one first."""
-    ran = [0]
-
-    def in_turn(tasks):
-        ran[0] += 1
-        for task in reversed(tasks):
-            yield task, task.function(*task.arguments)
-
-    monkeypatch.setattr(campaign, "in_processes", in_turn)
     yield place
-    assert ran[0]
+    assert in_turn
 
 
 def path(arguments: str) -> dict:

@@ -20,7 +20,6 @@ from splatcore.model.generate.generate import generate
 from splatcore.spec.camera import look_at
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.error import InputError
-from splatcore.study.bench import campaign
 from splatcore.study.compression import capture
 from tb.helpers.command import check_documented, load, run
 
@@ -28,15 +27,7 @@ SIZE = (64, 40)
 QUICK = ["--views", "9", "--size", "64x40", "--points", "60"]
 
 
-@pytest.fixture(autouse=True)
-def here(monkeypatch):
-    """Campaign tasks run in this process, the last one first."""
-
-    def in_turn(tasks):
-        for task in reversed(tasks):
-            yield task, task.function(*task.arguments)
-
-    monkeypatch.setattr(campaign, "in_processes", in_turn)
+pytestmark = pytest.mark.usefixtures("in_turn")
 
 
 @pytest.fixture(scope="module")

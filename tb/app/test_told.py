@@ -12,19 +12,15 @@ from rich.console import Console
 from splatcore.sim.common import output
 from splatcore.sim.common.output import progress_bar, whole_file
 from splatcore.spec.error import InputError
-from tb.helpers.command import load, run, write_scene
+from tb.helpers.command import load, run
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder):
     """A working folder with a scene, its cameras, and a camera that looks away from it."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
     camera, *_ = json.loads(Path("cameras.json").read_text())
     Path("away.json").write_text(json.dumps([camera | {"position": [0, 0, 100]}]))
-    Path("low.json").write_text(json.dumps([camera | {"id": 0, "height": 0}]))
-    Path("empty.toml").write_text("# nothing\n")
-    return tmp_path
+    return folder
 
 
 @pytest.mark.parametrize("arguments", [[], ["bench"], ["soak"]])

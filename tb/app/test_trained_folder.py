@@ -7,18 +7,16 @@ import pytest
 
 from splatcore.model.formats.ply import write_ply
 from tb.helpers.clouds import cloud
-from tb.helpers.command import check_refused, load, run, write_scene
+from tb.helpers.command import check_refused, load, run
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder):
     """`trained`: a folder as INRIA's train.py writes it, 200 Gaussians in the last iteration."""
-    monkeypatch.chdir(tmp_path)
-    write_scene(tmp_path)
     for iteration, count in ((7000, 50), (30000, 200), (900, 20)):
-        folder = Path(f"trained/point_cloud/iteration_{iteration}")
-        folder.mkdir(parents=True)
-        write_ply(folder / "point_cloud.ply", cloud(0, count=count))
+        there = Path(f"trained/point_cloud/iteration_{iteration}")
+        there.mkdir(parents=True)
+        write_ply(there / "point_cloud.ply", cloud(0, count=count))
     write_ply(Path("trained/input.ply"), cloud(0, count=10))
     Path("cameras.json").rename("trained/cameras.json")
     Path("bare/point_cloud/iteration_1").mkdir(parents=True)

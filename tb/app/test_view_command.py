@@ -10,14 +10,12 @@ import pytest
 
 from splatcore.app.cli import view
 from splatcore.app.view import server
-from tb.helpers.command import check_refused, run, write_scene
+from tb.helpers.command import check_refused, run
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(folder, monkeypatch):
     """A folder with a small scene, two cameras and a packed model."""
-    write_scene(tmp_path)
-    monkeypatch.chdir(tmp_path)
     assert run("pack scene.ply -o scene.splatcore --camera cameras.json") == 0
     monkeypatch.setattr(view, "wait", lambda address: pytest.fail("it serves a page"))
 

@@ -132,8 +132,7 @@ def test_report():
     assert facts["traffic_bytes"] == COUNTS.traffic
     assert isclose(facts["paper"]["logic_fj"]["stage 0"], 2.14e-3 / 12_900 / 8e8 / 1e-15)
     assert "ESTIMATE" in lines(found, 100.0)[0]
-    rows = table(found, 100.0, "")
-    assert [*rows.columns[0].cells] == [
+    assert [row[0] for row in table(found, 100.0, "").rows] == [
         "stage 0", "control", "memories, stage 0", "all logic", "all", "DRAM, not included"
     ]  # fmt: skip
 

@@ -10,7 +10,7 @@ from splatcore.eda.board.system import simulated
 from splatcore.eda.board.write import quiet, undated, write_facts
 from splatcore.eda.deliver.verilog import NAMES, write_top
 from splatcore.sim.rtl.cocotb_runner import public, run_sources
-from splatcore.sim.rtl.initial import without_initial
+from splatcore.sim.rtl.verilator import without_initial
 from splatcore.spec.config import Config
 
 CLOCK_HZ, BAUD = 50_000_000, 6_250_000

@@ -14,7 +14,7 @@ from splatcore.sim.common.preset_file import write_preset
 from splatcore.sim.frame.choose import finest
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
-from splatcore.sim.machine.wave_names import signals
+from splatcore.sim.machine.wave_files import signals
 from splatcore.spec.camera import NEAR_LIMITS
 from splatcore.spec.config import TINY
 from splatcore.spec.feature import feature_record

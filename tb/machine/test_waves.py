@@ -10,12 +10,19 @@ import pytest
 from splatcore.app.cli.simulate import Request, planned
 from splatcore.golden.pipeline import render
 from splatcore.model.pack.pack import pack
-from splatcore.sim.machine import wave_kind, waves
+from splatcore.sim.machine import wave_files, waves
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.script import IDEAL
-from splatcore.sim.machine.wave_kind import FST_HEADERS, check_kind
-from splatcore.sim.machine.wave_names import Signal, _unpacked, find_scope, signals, within
-from splatcore.sim.machine.wave_size import estimate
+from splatcore.sim.machine.wave_files import (
+    FST_HEADERS,
+    Signal,
+    _unpacked,
+    check_kind,
+    estimate,
+    find_scope,
+    signals,
+    within,
+)
 from splatcore.sim.machine.waves import (
     Recording,
     Window,
@@ -120,7 +127,7 @@ def test_kinds(monkeypatch):
     assert check_kind(Path("w.vcd")) == check_kind(Path("w")) == "vcd"
     with pytest.raises(InputError, match=r"w\.ghw: must end in \.vcd or \.fst"):
         check_kind(Path("w.ghw"))
-    monkeypatch.setattr(wave_kind, "has_headers", lambda *names: "lz4.h" not in names)
+    monkeypatch.setattr(wave_files, "has_headers", lambda *names: "lz4.h" not in names)
     with pytest.raises(InputError, match=r"w\.fst: FST needs zlib\.h and lz4\.h .*liblz4-dev"):
         check_kind(Path("w.fst"))
     assert has_headers("cstdio") and not has_headers("cstdio", "no_such_header.h")

@@ -30,10 +30,10 @@ from threading import Lock
 
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from splatcore.sim.common.cache import cache_root, kept_json
 from splatcore.sim.common.output import write
+from splatcore.sim.common.table import Column, Table
 from tb.helpers.command import ROOT
 from tb.planted.fault import Fault, draw, faults
 from tb.planted.judges import judges
@@ -215,13 +215,13 @@ def main(arguments: Sequence[str] | None = None) -> float:
     results.keep(fault for name, text in texts_of(files).items() for fault in faults(name, text))
     verdicts = judged(drawn, results, options.again)
     counts = Counter((fault.kind, found) for fault, found in zip(drawn, verdicts, strict=True))
-    table = Table("kind", "caught", "missed", "not built")
-    for kind in sorted({fault.kind for fault in drawn}):
-        row = (counts[kind, found] for found in ("caught", "missed", "not built"))
-        table.add_row(kind, *map(str, row))
+    outcomes = ("caught", "missed", "not built")
+    kinds = sorted({fault.kind for fault in drawn})
+    rows = [(kind, *(counts[kind, found] for found in outcomes)) for kind in kinds]
+    columns = [Column("kind"), *(Column(outcome, digits=0) for outcome in outcomes)]
     caught = verdicts.count("caught")
     built = len(verdicts) - verdicts.count("not built")
-    Console().print(table)
+    Table("planted", "", columns, rows).print()
     Console().print(f"{caught} of {built} faults caught: {caught / max(built, 1):.1%}")
     return caught / max(built, 1)
 

@@ -8,8 +8,8 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from splatcore.sim.rtl.convert import converted
-from splatcore.sim.rtl.initial import without_initial
 from splatcore.sim.rtl.streams import Simulation
+from splatcore.sim.rtl.verilator import without_initial
 
 pytestmark = pytest.mark.slow
 

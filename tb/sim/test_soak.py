@@ -8,7 +8,7 @@ import pytest
 from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.read import read_scene
 from splatcore.model.pack.pack import pack
-from splatcore.sim.soak import fault_kinds, faults, frame_runs
+from splatcore.sim.soak import fault_kinds, frame_runs
 from splatcore.sim.soak.machines import MACHINES
 from splatcore.spec.preset import check_buildable
 from splatcore.spec.scene import ARRAYS
@@ -53,7 +53,7 @@ def test_runs_are_right():
         found = frame_runs.frame_run(SEED, number)
         assert found["machine"] == "tiny" and not found["wrong"]
         assert found["frames"] == frame_runs.FRAMES and found["cycles"] > 0
-    assert not any(faults.fault_run(SEED, number)["wrong"] for number in range(0, 39, 5))
+    assert not any(fault_kinds.fault_run(SEED, number)["wrong"] for number in range(0, 39, 5))
 
 
 class Wrong:
@@ -113,12 +113,12 @@ def test_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_a_wrong_outcome_of_a_fault_is_found(monkeypatch):
-    right = faults.run_fault
+    right = fault_kinds.run_fault
 
     def other(*arguments):
         found = right(*arguments)
         return replace(found, good=found.good ^ 1)
 
-    monkeypatch.setattr(faults, "run_fault", other)
-    assert faults.fault_run(SEED, 0)["wrong"]
-    assert len(faults.WAYS) == len(fault_kinds.KINDS) + len(fault_kinds.PAIR_KINDS) == 39
+    monkeypatch.setattr(fault_kinds, "run_fault", other)
+    assert fault_kinds.fault_run(SEED, 0)["wrong"]
+    assert len(fault_kinds.WAYS) == len(fault_kinds.KINDS) + len(fault_kinds.PAIR_KINDS) == 39

@@ -109,6 +109,6 @@ def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
         > full["scenes"]["garden"]["max_error_float64"]
         > 0
     )
-    assert raster_table(found).row_count == 2
+    assert len(raster_table(found).rows) == 2
     write_raster_plot(tmp_path / "formats.png", found)
     assert (tmp_path / "formats.png").stat().st_size > 10_000
