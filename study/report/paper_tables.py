@@ -101,7 +101,7 @@ def gates(results: Results) -> Iterator[Item]:
         "Gates by stage, ours and the paper's. The paper has no stage for binning; its four "
         "sorters have 256 entries each and find the maximum of all entries at once.",
         "Bars of each stage, ours and the paper's.",
-        1 + 0.34 * len(stages), draw, "synth",
+        1 + 0.34 * len(stages), draw,
     )  # fmt: skip
     rows, strong = [], set()
     for stage, nand2 in stages.items():
@@ -131,7 +131,7 @@ def gates(results: Results) -> Iterator[Item]:
             Column("for speed", "k NAND2", 1, none=""), Column("depth", "gates", 0, none=""),
             Column("the paper", "k", 1, none=""),
         ],
-        rows, ("synth",), frozenset(strong),
+        rows, frozenset(strong),
     )  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def memories(results: Results) -> Iterator[Item]:
         "On-chip memories. The paper divides them differently: its lists are stored on chip as far "
         "as they fit, ours are streamed through DRAM.",
         [Column("machine"), Column("memory"), Column("size", "KB", 2)],
-        rows, ("memories",), frozenset(strong),
+        rows, frozenset(strong),
     )  # fmt: skip
 
 

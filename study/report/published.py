@@ -48,7 +48,7 @@ def published(results: Results) -> Iterator[Item]:
             Column("FPS", none=OPEN), Column("source", wide=True),
         ],
         [own(results), *map(list, PUBLISHED)],
-        ("synth", "memories", "quality"), frozenset({0}),
+        frozenset({0}),
     )  # fmt: skip
 
 
