@@ -198,17 +198,9 @@ def fitted(results: Results) -> Iterator[Item]:
                 [path.stem, name, field["default"], field["chosen"], field["reason"]]
                 for name, field in facts["fields"].items()
             ]
-            views += [
-                [
-                    path.stem,
-                    asked,
-                    name,
-                    view["frame"] / MILLION,
-                    view["fps"],
-                    view["psnr_db_machine"],
-                ]
-                for name, view in facts["views"].items()
-            ]
+            for name, view in facts["views"].items():
+                found = view["frame"] / MILLION, view["fps"], view["psnr_db_machine"]
+                views.append([path.stem, asked, name, *found])
             commands.append(shlex.join(words))
         except InputError as error:
             results.troubles.append(str(error))
