@@ -11,7 +11,6 @@ from splatcore.sim.common.output import console
 from splatcore.sim.frame.metric import LEVELS, channel_error
 from splatcore.sim.frame.picture import DOTS_PER_INCH, write_figure, write_png
 from splatcore.study.bench.hard_cases import Outcome
-from splatcore.study.bench.hard_tables import decibels
 
 SHEET = "hard-cases.png"  # contact sheet in the folder of pictures
 
@@ -45,8 +44,9 @@ def write_sheet(path: Path, outcomes: list[Outcome], engine: str):
         row, column = divmod(place, columns)
         left, right = axes[row, 2 * column : 2 * column + 2]
         _show(left, outcome.pixels, outcome.name)
-        value = decibels(outcome.psnr_db, outcome.error is not None)
-        value = f"{value} dB" if outcome.psnr_db is not None else value.replace("–", "packing")
+        none = "packing" if outcome.row["max_error_machine"] is None else "identical"
+        psnr = outcome.row["psnr_db_machine"]
+        value = none if psnr is None else f"{psnr:.2f} dB"
         image = _show(right, error, f"{value}, {'pass' if outcome.passed else 'FAIL'}", norm)
     against = "of packing" if engine == "reference" else "of the machine"
     label = f"error {against}, of {LEVELS}"
