@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,7 +24,6 @@ from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.option import SCENE
 from splatcore.sim.common.option import option as declared
 from splatcore.sim.common.output import console, messages, write_json
-from splatcore.sim.common.table import print_whole
 from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.source import check_source
 from splatcore.spec.config import DEFAULT, PRESETS, Config
@@ -131,11 +129,11 @@ def of_formats(stage: str) -> Callable[..., Errors]:
     """Return the measurement of stage 2 or 3, whose number formats are swept."""
 
     def measure(views: Views, *_) -> Errors:
-        module = import_module(f"splatcore.study.accuracy.{stage}")
-        found = getattr(module, f"{stage}_errors")(views)
-        table, plot = getattr(module, f"{stage}_table"), getattr(module, f"write_{stage}_plot")
-        show = partial(print_whole, table(found))
-        return Errors(show, lambda path: plot(path, found), {"machines": found})
+        from splatcore.study.accuracy import formats
+
+        found = formats.STAGES[stage].errors(views)
+        show, plot = formats.table(found).print, partial(formats.write_plot, stage, found)
+        return Errors(show, plot, {"machines": found})
 
     return measure
 

@@ -215,7 +215,6 @@ def test_a_row_is_kept_until_packing_changes(monkeypatch, tmp_path):
     """A kept row is measured again if the packing code changes, even with the same Verilog."""
     monkeypatch.setattr(scenes, "machine_source", lambda config: "verilog")
     monkeypatch.setattr(scenes, "build", lambda config, source: None)
-    monkeypatch.setattr(scenes, "expect", lambda config, view: None)
     done = []
     monkeypatch.setattr(scenes, "measure", lambda *_: done.append(1) or {"identical": True})
     assert code_key(packed) == scenes.code_key(packed)

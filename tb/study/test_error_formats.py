@@ -11,9 +11,8 @@ from splatcore.golden.reference import Splats
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.shot import View
 from splatcore.spec.config import DEFAULT
-from splatcore.study.accuracy import raster as error_raster
-from splatcore.study.accuracy.raster import raster_errors, raster_table, write_raster_plot
-from splatcore.study.accuracy.sort import (
+from splatcore.study.accuracy import formats
+from splatcore.study.accuracy.keys import (
     EXACT_ORDER,
     FRACTIONS,
     WAYS,
@@ -75,11 +74,8 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert changed == sorted(changed, reverse=True) and changed[0] > 0.1 > 0.01 > changed[-1] > 0
     exact = ways[EXACT_ORDER]
     assert exact["changed_places"] == 0 and exact["max_error_float64"] < 0.02
-    assert (
-        bits[0]["psnr_db_float64"] + 3
-        < bits[-1]["psnr_db_float64"]
-        <= exact["psnr_db_float64"] + 0.1
-    )
+    decibels = [way["psnr_db_float64"] for way in (bits[0], bits[-1], exact)]
+    assert decibels[0] + 3 < decibels[1] <= decibels[2] + 0.1
     assert bits[0]["max_error_float64"] > 5 * exact["max_error_float64"]
     assert ways["15 bits, by group"]["changed_places"] > ways["18 bits, by group"]["changed_places"]
     assert read_png("keys.png").std() > 5
@@ -97,18 +93,13 @@ def test_no_other_machines(capsys):
 
 @pytest.mark.slow
 def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
-    monkeypatch.setattr(error_raster, "SWEEP", {"sum_fraction": (10,)})
-    found = raster_errors({"garden": View("garden", size="160x90")})
+    monkeypatch.setattr(formats, "SWEEP", {"sum_fraction": (10,)})
+    found = formats.raster_errors({"garden": View("garden", size="160x90")})
     full, cut = found["DEFAULT"], found["sum_fraction 10"]
     assert full["gates"] > cut["gates"] > 1000
-    assert (
-        full["scenes"]["garden"]["psnr_db_float64"] > cut["scenes"]["garden"]["psnr_db_float64"] + 1
-    )
-    assert (
-        cut["scenes"]["garden"]["max_error_float64"]
-        > full["scenes"]["garden"]["max_error_float64"]
-        > 0
-    )
-    assert raster_table(found).row_count == 2
-    write_raster_plot(tmp_path / "formats.png", found)
+    wide, narrow = (machine["scenes"]["garden"] for machine in (full, cut))
+    assert wide["psnr_db_float64"] > narrow["psnr_db_float64"] + 1
+    assert narrow["max_error_float64"] > wide["max_error_float64"] > 0
+    assert len(formats.table(found).rows) == 2
+    formats.write_plot("raster", found, tmp_path / "formats.png")
     assert (tmp_path / "formats.png").stat().st_size > 10_000

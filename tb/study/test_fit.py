@@ -19,7 +19,7 @@ from splatcore.sim.frame.source import Source, open_cameras
 from splatcore.spec.config import CLOCK_HZ, DEFAULT, Config
 from splatcore.spec.error import InputError
 from splatcore.spec.preset import find_preset
-from splatcore.study.accuracy.raster import lane_gates
+from splatcore.study.accuracy.formats import lane_gates
 from splatcore.study.fit import formats as fit_formats
 from splatcore.study.fit import sizes as fit_speed
 from splatcore.study.fit.formats import wider
