@@ -1,16 +1,18 @@
 """`splatcore error --stage sort`: key windows, changed places and pictures of each key format;
-`--stage raster`: the sweep of stage 3's formats."""
+`--stage raster`: the sweep of stage 3's formats. The plot of errors by field."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.shot import View
-from splatcore.spec.config import DEFAULT
+from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.study.accuracy import formats
 from splatcore.study.accuracy.keys import (
     EXACT_ORDER,
@@ -20,6 +22,7 @@ from splatcore.study.accuracy.keys import (
     reordered,
     window,
 )
+from splatcore.study.accuracy.plot import FLOOR, LOW, draw_fields
 from tb.helpers.command import ROOT, load, run
 
 
@@ -103,3 +106,44 @@ def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
     assert len(formats.table(found).rows) == 2
     formats.write_plot("raster", found, tmp_path / "formats.png")
     assert (tmp_path / "formats.png").stat().st_size > 10_000
+
+
+MACHINES = (DEFAULT, PAPER, TINY)
+RMS = {"u": 1e-3, "v": 2e-3, "depth": 1e-17, "colour": 1e-4, "opacity": 0.0, "a": None}
+
+
+@pytest.fixture
+def axes():
+    """Axes for two kinds of scenes with equal errors per field, so that points could overlap."""
+    largest = {
+        kind: {c.name: {f: {"rms": rms} for f, rms in RMS.items()} for c in MACHINES}
+        for kind in ("scenes", "hard")
+    }
+    axes = Figure().subplots()
+    draw_fields(axes, largest, MACHINES)
+    return axes
+
+
+def points(axes) -> np.ndarray:
+    found = np.concatenate([line.get_xydata() for line in axes.get_lines()])
+    return found[np.isfinite(found).all(1)]
+
+
+def test_fields_are_not_joined(axes):
+    assert axes.get_lines() and {line.get_linestyle() for line in axes.get_lines()} == {"None"}
+
+
+def test_no_point_hides_another(axes):
+    found = points(axes)
+    assert len(found) == 2 * len(MACHINES) * 4  # errors of 0 and unmeasured errors have no point
+    for one, other in itertools.combinations(found, 2):
+        assert abs(one[0] - other[0]) > 0.05
+    assert (abs(found[:, 0] - found[:, 0].round()) < 0.45).all()  # nearest to its own field's name
+
+
+def test_a_tiny_error_does_not_squeeze_the_others(axes):
+    found = points(axes)
+    assert found[:, 1].min() == FLOOR and axes.get_ylim()[0] > FLOOR / 10
+    low = [line for line in axes.get_lines() if line.get_marker() == LOW]
+    assert low and all((line.get_ydata() == FLOOR).all() for line in low)
+    assert f"{FLOOR:.0e}" in axes.get_title()
