@@ -14,8 +14,7 @@ from splatcore.sim.frame.picture import write_figure
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import Config
 from splatcore.spec.sort import half_entries
-from splatcore.study.bench.sort_rows import KEYS, entries_of, stage_rows
-from splatcore.study.bench.sort_stage import SortStage
+from splatcore.study.bench.sort_parts import KEYS, SortStage, entries_of, stage_rows
 
 LENGTHS = (1, 2, 4, 8, 16, 32, 64, 100, 128, 129, 200, 256, 400, 512, 700, 1024, 1300, 1500,
            2048, 2049, 3000, 4096, 5200, 7000, 10_000, 14_000, 20_000)  # fmt: skip

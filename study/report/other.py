@@ -11,7 +11,7 @@ from PIL import Image, UnidentifiedImageError
 from splatcore.eda.paper import FPS, MEMORY_POWER
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
-from splatcore.study.bench.hard_pictures import SHEET
+from splatcore.study.bench.hard_output import SHEET
 from splatcore.study.report.page import MILLI, MILLION, Card, Figure, Item, Text
 from splatcore.study.report.results import Facts, Results, read
 from splatcore.study.results.fields import columns

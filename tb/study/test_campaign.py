@@ -26,8 +26,7 @@ from splatcore.spec.error import InputError
 from splatcore.study.bench import scenes
 from splatcore.study.bench.campaign import Failure, Task, results
 from splatcore.study.bench.campaigns import ablation_machines, confirmed, front, summary
-from splatcore.study.bench.sweep import SPEED, measure, picture_of
-from splatcore.study.bench.sweep_points import Point, points
+from splatcore.study.bench.sweep import SPEED, Point, measure, picture_of, points
 from tb.helpers.campaign_tasks import crash, die, double
 from tb.helpers.command import load
 from tb.helpers.command import run as command

@@ -216,7 +216,7 @@ def test_results_state_their_version(tmp_path, monkeypatch):
 def test_published_machines_have_sources():
     """Every published machine names its source, and the paper's row has the paper's figures."""
     from splatcore.eda.paper import FPS, GATES_ALL, MEMORIES, POWER
-    from splatcore.study.report.published_figures import PUBLISHED
+    from splatcore.study.report.published import PUBLISHED
 
     own = PUBLISHED[0]
     assert all(machine.source for machine in PUBLISHED)
