@@ -130,8 +130,8 @@ def compress_command(
 def _print_steps(checkpoints: Checkpoints, facts: dict):
     """Print the steps, and the trials if there was a choice."""
     if facts["choice"]:
-        console.print(trials_of(facts["choice"]))
-    console.print(table_of(checkpoints, facts["original_bytes"]))
+        trials_of(facts["choice"]).print()
+    table_of(checkpoints, facts["original_bytes"]).print()
 
 
 def _print_result(facts: dict, json: Path | None):

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from splatcore.sim.common.output import progress_bar
-from splatcore.sim.common.table import new_table, print_whole
+from splatcore.sim.common.table import Column, Table
 from splatcore.sim.cycles.sort import stage_cycles
 from splatcore.sim.frame.picture import write_figure
 from splatcore.sim.rtl.streams import Simulation
@@ -42,7 +41,7 @@ def bench_sort(config: Config, lengths: Sequence[int], plot: Path) -> tuple[dict
                 advance(sum(map(len, found.values())), total)
     keys = [entries_of(config, "random", [length])["key"] for length in lengths]
     model = [stage_cycles(config, [some]) for some in keys]
-    print_whole(_table(config, lengths, found, model))
+    _table(config, lengths, found, model).print()
     _write_plot(plot, config, lengths, found, model)
     return found, model
 
@@ -65,16 +64,14 @@ def _bound_to(config: Config) -> int:
 
 
 def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]) -> Table:
-    title = f"{config.name}: cycles of stage 2 for one list"
-    table = new_table("entries", (*found, "model", "per entry", "bound"), title)
-    table.columns[0].justify = "right"
-    for k, length in enumerate(lengths):
-        values = [kind[k] for kind in found.values()]
+    rows = []
+    for length, modelled, *values in zip(lengths, model, *found.values(), strict=True):
         within = BOUND_FROM <= length <= _bound_to(config)
-        cells = [f"{value:,}" for value in (length, *values, model[k])]
-        bound = f"{BOUND * length:,.0f}" if within else ""
-        table.add_row(*cells, f"{max(values) / length:.2f}", bound)
-    return table
+        bound = BOUND * length if within else None
+        rows.append([length, *values, modelled, max(values) / length, bound])
+    columns = [Column(name, digits=0) for name in ("entries", *found, "model")]
+    columns += [Column("per entry", digits=2), Column("bound", digits=0, none="")]
+    return Table("sort", f"{config.name}: cycles of stage 2 for one list", columns, rows)
 
 
 def _write_plot(path: Path, config: Config, lengths: Sequence[int], found: dict, model: list[int]):

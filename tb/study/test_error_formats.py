@@ -23,7 +23,7 @@ from splatcore.study.accuracy.keys import (
     window,
 )
 from splatcore.study.accuracy.plot import FLOOR, LOW, draw_fields
-from tb.helpers.command import ROOT, load, run
+from tb.helpers.command import check_documented, load, run
 
 
 def splats_at(depth: list[float], index: list[int]) -> Splats:
@@ -84,8 +84,7 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert read_png("keys.png").std() > 5
     printed = capsys.readouterr().out
     assert "14 fraction bits" in printed and "…" not in printed
-    text = (ROOT / "docs" / "json.md").read_text()
-    assert all(f"`{key}`" in text.partition("--stage sort")[2] for key in exact)
+    check_documented("--stage sort", exact)
 
 
 def test_no_other_machines(capsys):
