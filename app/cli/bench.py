@@ -178,7 +178,7 @@ def sweep_command(
     DEFAULT's are synthesised; the other gates are DEFAULT's.
     """
     from splatcore.study.bench import campaigns
-    from splatcore.study.bench.sweep_points import points
+    from splatcore.study.bench.sweep import points
 
     by_name = {point.name: point for point in points()}
     check_known("--point", by_name, *(only or ()))

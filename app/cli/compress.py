@@ -204,8 +204,10 @@ def _own_pictures(
     scene: Scene, path, size: tuple[int, int], seed: int, pictures: Pictures, reading: Reading
 ) -> tuple:
     """Render the pictures to learn from, including those of the path's cameras."""
+    from splatcore.model.compress.teacher import teacher_targets  # needs PyTorch
+
     views, beside, near = pictures.views, pictures.beside, reading.near_plane
-    learn = run.teacher(scene, views, size, seed, path, beside, near)
+    learn = teacher_targets(scene, views, size, seed, path, beside, near)
     return learn + run.pictures_at(scene, path, size) if path else learn
 
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,10 +106,11 @@ def of_formats(stage: str) -> Callable[..., Errors]:
     """Return the measurement of stage 2 or 3, whose number formats are swept."""
 
     def measure(views: Views, *_) -> Errors:
-        module = import_module(f"splatcore.study.accuracy.{stage}")
-        found = getattr(module, f"{stage}_errors")(views)
-        table, plot = getattr(module, f"{stage}_table"), getattr(module, f"write_{stage}_plot")
-        return Errors(table(found).print, lambda path: plot(path, found), {"machines": found})
+        from splatcore.study.accuracy import formats
+
+        found = formats.STAGES[stage].errors(views)
+        show, plot = formats.table(found).print, partial(formats.write_plot, stage, found)
+        return Errors(show, plot, {"machines": found})
 
     return measure
 

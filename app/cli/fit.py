@@ -194,7 +194,7 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
     from splatcore.sim.machine.machine import Job
     from splatcore.sim.machine.path import build, simulate
     from splatcore.sim.machine.script import LPDDR4
-    from splatcore.study.bench.scenes import FRAMES, Expected, judge
+    from splatcore.study.bench.scenes import FRAMES, judge
 
     name, _ = found.speed.slowest(found.config)
     view = next(view for view in views if view.name == name)
@@ -206,7 +206,7 @@ def _confirm(found: "Fit", views: "list[View]", fps: float) -> dict:
         console.print(f"{name}: the machine failed: {run.why}")
         return {"view": name, "reached": False, "ended": run.why}
     exact = np.rint(view.exact * LEVELS).astype(np.uint8)
-    facts = judge(found.config, run, Expected(view.model, view.camera, golden, {"machine": exact}))
+    facts = judge(found.config, run, golden, {"machine": exact})
     cycles = facts["cycles"]
     reached = facts["identical"] and cycles["fps_at_800mhz"] >= fps
     same = "identical to the golden model's" if facts["identical"] else facts["difference"]

@@ -56,8 +56,7 @@ def hard_command(
 
     from splatcore.sim.machine.path import build
     from splatcore.study.bench.hard_cases import camera_of, measure
-    from splatcore.study.bench.hard_pictures import write_pictures
-    from splatcore.study.bench.hard_tables import pass_line, table
+    from splatcore.study.bench.hard_output import pass_line, table, write_pictures
 
     if engine != "reference":
         for case in names:

@@ -81,16 +81,14 @@ class Table:
     """A table; each row has as many values as columns.
 
     key: name of its CSV file
-    sources: names of the results that it shows
     strong: numbers of highlighted rows, as sums
-    commands, versions: that produced these results
+    commands, versions: that produced the results that it shows
     """
 
     key: str
     caption: str
     columns: Sequence[Column]
     rows: list[Sequence[object]]
-    sources: Sequence[str] = ()
     strong: frozenset[int] = frozenset()
     commands: list[str] = field(default_factory=list)
     versions: list[str] = field(default_factory=list)

@@ -21,8 +21,7 @@ from splatcore.spec.config import DEFAULT, KB, Config
 from splatcore.spec.error import InputError
 from splatcore.study.bench.campaign import Task, collected
 from splatcore.study.bench.scenes import Simulator
-from splatcore.study.bench.sweep import tasks
-from splatcore.study.bench.sweep_points import Point
+from splatcore.study.bench.sweep import Point, tasks
 from splatcore.study.fit.gates import part_gates
 from splatcore.study.results.campaigns import Simulated, SweepPoint
 from splatcore.study.results.fields import facts

@@ -7,7 +7,7 @@ machine's Verilog, the packing code, the view or the memory changes.
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
@@ -25,16 +25,14 @@ from splatcore.sim.frame.choose import packed
 from splatcore.sim.frame.engines import cycles, golden
 from splatcore.sim.frame.metric import against, decibels, differences
 from splatcore.sim.frame.reading import AS_STATED, Reading
-from splatcore.sim.frame.shot import View
+from splatcore.sim.frame.shot import Shot, View
 from splatcore.sim.frame.size import shape_of
 from splatcore.sim.frame.source import scene_files
 from splatcore.sim.machine.diagnosis import diagnose
-from splatcore.sim.machine.machine import Job, Machine, Run, machine_source
+from splatcore.sim.machine.machine import Machine, Run, machine_source
 from splatcore.sim.machine.path import build, simulate
 from splatcore.sim.machine.script import Timing
-from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
-from splatcore.spec.packed import PackedModel
 from splatcore.study.results.fields import columns
 from splatcore.study.results.frames import CYCLES, SceneRow
 from splatcore.study.results.frames import TRAFFIC as TRAFFIC_CAUSES
@@ -52,16 +50,6 @@ SHOWN = (
     "psnr_db_scene psnr_db_machine ssim_machine max_error_machine"
 )
 """Keys of columns."""
-
-
-@dataclass(frozen=True, eq=False)
-class Expected:
-    """A view's packed model, the golden model's frame, and the reference's pictures."""
-
-    model: PackedModel
-    camera: Camera
-    golden: pipeline.Frame
-    truths: dict[str, np.ndarray]
 
 
 def views(
@@ -109,50 +97,54 @@ class Simulator:
         key = digest(about)
         row = with_key(path, key)
         if row is None or not row["identical"]:
-            expected = expect(self.config, view)
-            row = {"key": key} | measure(self.machine, view, expected, timing)
+            row = {"key": key} | measure(self.machine, view, timing)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_json(path, row)
         return row
 
 
 @lru_cache(maxsize=1)
-def expect(config: Config, view: View) -> Expected:
-    """Pack a view's scene, and render it by golden model and reference."""
+def expect(config: Config, view: View) -> tuple[Shot, pipeline.Frame]:
+    """Open a view and pack its scene; render it by the golden model."""
     shot = view.open(config)
-    return Expected(shot.model, shot.camera, golden(shot), shot.truths)
+    return shot, golden(shot)
 
 
-def measure(machine: Machine, view: View, expected: Expected, timing: Timing) -> dict:
+def measure(machine: Machine, view: View, timing: Timing) -> dict:
     """Simulate a view and return its result."""
-    begin, config = time.perf_counter(), machine.config
-    jobs = [Job(expected.model, expected.camera)] * FRAMES
-    run = simulate(machine, jobs, timing, f"{view.name}, {timing.name}")
+    config = machine.config
+    shot, frame = expect(config, view)
+    begin = time.perf_counter()
+    run = simulate(machine, [shot.job] * FRAMES, timing, f"{view.name}, {timing.name}")
     row = {
-        "scene": Path(view.scene).name, "camera": view.camera or expected.camera.name,
-        "quality": view.quality, "bytes_per_gaussian": expected.model.bytes_per_gaussian,
+        "scene": Path(view.scene).name, "camera": view.camera or shot.camera.name,
+        "quality": view.quality, "bytes_per_gaussian": shot.model.bytes_per_gaussian,
         "size": view.size, "preset": config.name, "timing": asdict(timing),
         "seconds": round(time.perf_counter() - begin, 1), "simulated_cycles": run.report.cycles,
         "identical": False, "ended": run.why,
     }  # fmt: skip
     if not run.done:
         return row
-    return row | judge(config, run, expected)
+    return row | judge(config, run, frame, shot.truths)
 
 
-def judge(config: Config, run: Run, expected: Expected) -> dict:
-    """Cycles, error and traffic of a finished run."""
-    wrong = [diagnose(config, run, k, expected.golden) for k in range(len(run.frames))]
+def judge(config: Config, run: Run, golden: pipeline.Frame, truths: dict[str, np.ndarray]) -> dict:
+    """Cycles, error and traffic of a finished run.
+
+    golden: the golden model's frame
+    truths: pictures of the reference by name, as in `Shot.truths`
+    """
+    wrong = [diagnose(config, run, k, golden) for k in range(len(run.frames))]
     frame = run.frame_cycles[-1]
     taken = {"frame": frame, "fps_at_800mhz": round(CLOCK_HZ / frame, 1)}
     return {
         "identical": not any(wrong),
         "difference": str(next((text for text in wrong if text), "")),
-        **against(differences(run.frames[-1].pixels, expected.truths)),
+        **against(differences(run.frames[-1].pixels, truths)),
         "cycles": cycles(run) | taken | {"rendering_alone": run.rendering_cycles[-1]},
-        "model_cycles": frame_cycles(config, expected.golden).by_name,
+        "model_cycles": frame_cycles(config, golden).by_name,
         "traffic_bytes": run.frames[-1].traffic, "counters": run.frames[-1].counters,
-        "counts": expected.golden.counts,
+        "counts": golden.counts,
     }  # fmt: skip
 
 

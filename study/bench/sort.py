@@ -13,8 +13,7 @@ from splatcore.sim.frame.picture import write_figure
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.config import Config
 from splatcore.spec.sort import half_entries
-from splatcore.study.bench.sort_rows import KEYS, entries_of, stage_rows
-from splatcore.study.bench.sort_stage import SortStage
+from splatcore.study.bench.sort_parts import KEYS, SortStage, entries_of, stage_rows
 
 LENGTHS = (1, 2, 4, 8, 16, 32, 64, 100, 128, 129, 200, 256, 400, 512, 700, 1024, 1300, 1500,
            2048, 2049, 3000, 4096, 5200, 7000, 10_000, 14_000, 20_000)  # fmt: skip
@@ -65,15 +64,14 @@ def _bound_to(config: Config) -> int:
 
 
 def _table(config: Config, lengths: Sequence[int], found: dict, model: list[int]) -> Table:
-    title = f"{config.name}: cycles of stage 2 for one list"
+    rows = []
+    for length, modelled, *values in zip(lengths, model, *found.values(), strict=True):
+        within = BOUND_FROM <= length <= _bound_to(config)
+        bound = BOUND * length if within else None
+        rows.append([length, *values, modelled, max(values) / length, bound])
     columns = [Column(name, digits=0) for name in ("entries", *found, "model")]
     columns += [Column("per entry", digits=2), Column("bound", digits=0, none="")]
-    rows = []
-    for k, length in enumerate(lengths):
-        values = [kind[k] for kind in found.values()]
-        bound = BOUND * length if BOUND_FROM <= length <= _bound_to(config) else None
-        rows.append([length, *values, model[k], max(values) / length, bound])
-    return Table("sort", title, columns, rows)
+    return Table("sort", f"{config.name}: cycles of stage 2 for one list", columns, rows)
 
 
 def _write_plot(path: Path, config: Config, lengths: Sequence[int], found: dict, model: list[int]):

@@ -17,7 +17,6 @@ from splatcore.sim.common.output import messages, progress_bar
 from splatcore.sim.frame.reading import AS_STATED, Reading
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
-from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
@@ -75,27 +74,6 @@ def trained(
 
     with progress(f"{label}: training") as report:
         return train(targets, read_points(path), steps, seed, folder, report, antialiased)
-
-
-def teacher(
-    scene: Scene,
-    count: int,
-    size: tuple[int, int],
-    seed: int,
-    cameras: Sequence[Camera] = (),
-    beside: float = 0.0,
-    near: float = NEAR_PLANE,
-) -> tuple:
-    """Render the scene's own pictures as training targets.
-
-    count, size: number of views, their width and height
-    cameras: path to follow; empty: views from all around
-    beside: share of the views off the path
-    near: near plane of views from all around
-    """
-    from splatcore.model.compress.teacher import teacher_targets
-
-    return teacher_targets(scene, count, size, seed, cameras, beside, near)
 
 
 def pictures_at(scene: Scene, cameras: list[Camera], size: tuple[int, int]) -> tuple:

@@ -134,8 +134,10 @@ class Subject:
         """Training pictures for compression."""
         if self.photographed:
             return self.photographs[0]
+        from splatcore.model.compress.teacher import teacher_targets  # needs PyTorch
+
         protocol = self.protocol
-        return compression_run.teacher(
+        return teacher_targets(
             self.scene, protocol.views, protocol.view_size, protocol.seed, self.path_cameras,
             protocol.beside, protocol.reading.near_plane,
         )  # fmt: skip

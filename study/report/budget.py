@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.metric import LEVELS
-from splatcore.spec.error import InputError
 from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES, draw_budget
 from splatcore.study.report.page import Card, Item, plotted
 from splatcore.study.report.results import Facts, Results
@@ -13,14 +12,6 @@ from splatcore.study.results.fields import columns
 from splatcore.study.results.frames import BudgetRow
 
 BAR, AROUND = 0.07, 1.6  # inches of a plot per bar; for its axis and legend
-
-
-def views(results: Results) -> list[Facts]:
-    """All views; raises InputError if there is none."""
-    facts = results.facts("budget")
-    if not (rows := results.of_scenes(facts["rows"])):
-        raise InputError(f"{facts.file}: holds no row")
-    return rows
 
 
 def lines(rows: list[Facts], key: str, scale: float = 1) -> list[list]:
@@ -42,7 +33,7 @@ def order(of: str, part: str) -> tuple[int, int]:
 
 def parts(results: Results) -> Iterator[Item]:
     """PSNR and largest errors of all parts."""
-    rows = views(results)
+    _, rows = results.rows("budget")
     decibels = lines(rows, "psnr_db")
     strong = frozenset(n for n, (of, part, *_) in enumerate(decibels) if part == TITLES[of])
     head = [Column("group"), Column("part")]
@@ -61,13 +52,13 @@ def parts(results: Results) -> Iterator[Item]:
         "everything, against the scene as trained. Only the part “8 bits” is rounded to 8 bits. "
         "Sum: squared errors added. –: equal pictures, or a part that the scene does not have.",
         [*head, *(Column(text, "dB", 1) for text in names(rows))],
-        decibels, ("budget",), strong,
+        decibels, strong,
     )  # fmt: skip
     yield Table(
         "budget-largest",
         f"Largest error per channel of the same pictures, in steps of 1/{LEVELS}.",
         [*head, *(Column(text, "", 1) for text in names(rows))],
-        [line for line in lines(rows, "max_error", LEVELS) if line[1] != SUM], ("budget",),
+        [line for line in lines(rows, "max_error", LEVELS) if line[1] != SUM],
     )  # fmt: skip
     yield Table.of(
         "budget-wholes",
@@ -79,20 +70,20 @@ def parts(results: Results) -> Iterator[Item]:
             BudgetRow,
             "scene camera quality bytes_per_gaussian psnr_db_packing psnr_db_machine psnr_db_scene",
         ),
-        rows, ("budget",),
+        rows,
     )  # fmt: skip
 
 
 def bars(results: Results) -> Iterator[Item]:
     """RMS errors of the parts."""
-    rows = views(results)
+    _, rows = results.rows("budget")
     count = sum(len(row["parts"]) for row in rows)
     yield plotted(
         "budget-bars",
         "RMS error of pictures in which only one part is inexact, and of all parts together (x "
         "axis, steps of 1/255, logarithmic); one bar per view, in the colours of the legend.",
         f"Bars of parts for {count_of(rows)}, logarithmic.",
-        AROUND + BAR * count, lambda figure: draw_budget(figure, rows), "budget",
+        AROUND + BAR * count, lambda figure: draw_budget(figure, rows),
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ def speeds(results: Results) -> Iterator[Item]:
         f"{facts['size']}, by the cycle model. The guard band (Gaussians outside the image are "
         "dropped before projection) is a step of our own.",
         [*VIEW, *(Column(step, "FPS", 1) for step in steps)],
-        rows, ("ablation",), frozenset({0}),
+        rows, frozenset({0}),
     )  # fmt: skip
     factors = [[*row[:2], *gains(row[2:])[1:], *gains([row[2], row[-1]])[1:]] for row in rows]
     yield Table(
@@ -58,7 +58,7 @@ def speeds(results: Results) -> Iterator[Item]:
         "Gain in frames per second of each step over the step before. A step gains only if it "
         "shortens the slower half of the frame.",
         [*VIEW, *(Column(step, "×", 2) for step in steps[1:]), Column("all together", "×", 2)],
-        factors, ("ablation",), frozenset({0}),
+        factors, frozenset({0}),
     )  # fmt: skip
     whole = [row[-1] for row in factors[1:] if row[-1]]
     if whole:
@@ -100,7 +100,7 @@ def bars(results: Results) -> Iterator[Item]:
         "Frames per second (x axis, logarithmic) by view, the paper's own first; one bar per step, "
         "in the colours of the legend, each with all savings of the bars above it.",
         f"Grouped bars of {len(labels)} views, one for each of {len(lengths)} steps.",
-        1.2 + 0.42 * len(labels), draw, "ablation",
+        1.2 + 0.42 * len(labels), draw,
     )  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def simulated(results: Results) -> Iterator[Item]:
             "ablation-rtl",
             f"Steps simulated in RTL, {facts['size']}: cycles per frame by the cycle model and in "
             "RTL. Identical: every bit of the picture equals the golden model's.",
-            [*VIEW, Column("step"), *AGAINST_RTL], rows, ("ablation",),
+            [*VIEW, Column("step"), *AGAINST_RTL], rows,
         )  # fmt: skip
 
 

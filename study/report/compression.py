@@ -28,7 +28,7 @@ def rows(scenes: dict[str, Facts], part: str, key: str) -> list[dict]:
 
 def compressed(results: Results) -> Iterator[Item]:
     """The tables of the parts that were measured."""
-    facts = results.campaign("compression")
+    facts = results.facts("compression")
     scenes = {
         scene: found
         for scene, found in facts["scenes"].items()
@@ -50,7 +50,7 @@ def compressed(results: Results) -> Iterator[Item]:
             "pictures in held-out views, mean, against photographs or, for scene files, against "
             "the original scene. Off the path: views moved away from the camera path.",
             [Column("scene"), *columns(StepRow, f"step {SIZES} seconds")],
-            steps, ("compression",),
+            steps,
         )  # fmt: skip
     if points:
         yield Table.of(
@@ -58,7 +58,7 @@ def compressed(results: Results) -> Iterator[Item]:
             "Compression ratio against loss, with the same metrics. Target “packing”: packing "
             "alone. Frames per second: at 800 MHz by the cycle model.",
             [Column("scene"), *columns(Point, f"target_ratio {SIZES}")],
-            points, ("compression",),
+            points,
         )  # fmt: skip
     if powers:
         yield Table.of(
@@ -67,7 +67,7 @@ def compressed(results: Results) -> Iterator[Item]:
             "paper's frames per second or the machine's maximum if that is lower. DRAM is not "
             "included in the power. Power in cells: with cells of a library, scaled to 28 nm.",
             [Column("scene"), *columns(PowerRow, f"step {POWER}")],
-            powers, ("compression",),
+            powers,
         )  # fmt: skip
 
 

@@ -43,10 +43,9 @@ def write_kept(results: Results, folder: Path) -> list[Path]:
 def _facts(results: Results, result: Result) -> dict:
     """A result's object in the form in which it is kept."""
     name = result.name
-    if result.several:
-        rows = [row for row in results.several(name) if "cycles" in row]
-        return {"rows": rows, "version": results.version(name)}
     facts = results.facts(name)
+    if name == "scenes":  # those that were finished
+        facts |= {"rows": [row for row in facts["rows"] if "cycles" in row]}
     if name == "power":  # file names without folders, like the others
         facts |= {key: Path(facts[key]).name for key in ("scene", "camera")}
     return facts

@@ -42,7 +42,8 @@ class Options:
 
 def measured_with(facts: dict) -> Options:
     """Options to reproduce a result, without defaults and without scene files."""
-    size, preset = facts.get("size"), facts.get("preset")
+    about = {**next(iter(facts.get("rows", ())), {}), **facts}
+    size, preset = about.get("size"), about.get("preset")
     size = "x".join(map(str, size)) if isinstance(size, list) else size
     scenes = [facts.get("scene"), *(row.get("scene") for row in facts.get("rows", ()))]
     return Options(
@@ -62,8 +63,7 @@ def reproducing(result: Result, facts: dict) -> str:
     """The command that reproduces a result; scene files are searched for in SPLATCORE_SCENES."""
     rows = facts.get("rows", ())
     scenes = [facts.get("scene"), *(row.get("scene") for row in rows), *facts.get("scenes", ())]
-    first = rows[0] if result.several else facts
-    options, points = measured_with(first), list(facts.get("points", ()))
+    options, points = measured_with(facts), list(facts.get("points", ()))
     values = {
         "SCENES": " ".join(dict.fromkeys(filter(None, scenes))),
         "SIZE": options.size,

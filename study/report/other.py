@@ -11,12 +11,12 @@ from PIL import Image, UnidentifiedImageError
 from splatcore.eda.paper import FPS, MEMORY_POWER
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.error import InputError
-from splatcore.study.bench.hard_pictures import SHEET
-from splatcore.study.report.page import MILLI, MILLION, THOUSAND, Card, Figure, Item, Text
-from splatcore.study.report.results import Facts, Results, in_units, read
+from splatcore.study.bench.hard_output import SHEET
+from splatcore.study.report.page import MILLI, MILLION, Card, Figure, Item, Text
+from splatcore.study.report.results import Facts, Results, read
 from splatcore.study.results.fields import columns
 from splatcore.study.results.frames import HardCase
-from splatcore.study.results.machines import Placed
+from splatcore.study.results.machines import Logic, Placed
 
 HARD_SOURCES = ("hard", "hard-rtl", "hard-paper")
 
@@ -49,7 +49,7 @@ def cases(results: Results) -> Iterator[Item]:
         "is on the PSNR against the reference with the machine's own rule for skipping faint "
         "splats. In RTL every bit of the picture must also equal the golden model's. Largest error "
         "per channel: between 8-bit pictures.",
-        shown, hard_rows(found), HARD_SOURCES,
+        shown, hard_rows(found),
     )  # fmt: skip
     for machine, facts in found.items():
         passed = sum(case["passed"] for case in facts["cases"].values())
@@ -86,7 +86,6 @@ def sheet(results: Results) -> Iterator[Item]:
         "bar below has the scale.",
         "Contact sheet of the hard cases.",
         uri="data:image/png;base64," + base64.b64encode(data).decode(),
-        sources=("hard",),
     )
 
 
@@ -104,36 +103,33 @@ def power(results: Results) -> Iterator[Item]:
     """mW by stage and of memories, from the estimate of `splatcore power`."""
     facts = results.facts("power")
     fps, paper = facts["fps"], facts["paper"]
-    rows = []
-    for stage, logic in facts["stages"].items():
-        watts = (logic["switching"] + logic["clock"]) * fps + logic["leakage"]
-        rows.append([
-            stage, logic["nand2"] / THOUSAND, 100 * logic["activity"], watts / MILLI,
-            in_units(paper["logic_w"], stage, MILLI),
-        ])  # fmt: skip
+    rows = [
+        logic | {"part": stage, "paper": paper["logic_w"].get(stage)}
+        | {"watts": (logic["switching"] + logic["clock"]) * fps + logic["leakage"]}
+        for stage, logic in facts["stages"].items()
+    ]  # fmt: skip
     for stage, memory in facts["stage_memories"].items():
-        watts = memory["access"] * fps + memory["leakage"]
         name, _ = MEMORY_POWER.get(stage, (None, None))
         text = f"memories of {stage}" + (f"; the paper's: {name}" if name else "")
-        rows.append([text, None, None, watts / MILLI, in_units(paper["memory_w"], name, MILLI)])
-    rows.append(
-        ["whole chip, estimate", None, None, facts["power_w"] / MILLI, paper["power_w"] / MILLI]
-    )
-    strong = {len(rows) - 1}
-    rows.append(["DRAM, estimate, not included", None, None, facts["dram_w"] / MILLI, None])
+        watts = memory["access"] * fps + memory["leakage"]
+        rows.append({"part": text, "watts": watts, "paper": paper["memory_w"].get(name)})
+    whole, dram = "whole chip, estimate", "DRAM, estimate, not included"
+    rows.append({"part": whole, "watts": facts["power_w"], "paper": paper["power_w"]})
+    rows.append({"part": dram, "watts": facts["dram_w"]})
+    blank = {"nand2": None, "activity": None}
     size = "×".join(map(str, facts["size"]))
     setting = f"{facts['scene']} at {size}, {fps:.1f} frames per second, preset {facts['preset']}"
-    yield Table(
+    yield Table.of(
         "power",
         f"Estimated power of {setting}. The paper's figures: its own scenes at {FPS} frames per "
         f"second, gate-level simulation. Ours: {facts['power_w'] / fps / MILLI:.3f} mJ per frame, "
         f"{facts['pixels_per_j'] / MILLION:,.0f} Mpixels/J (an estimate) without DRAM.",
         [
-            Column("part"), Column("gates", "k NAND2", 1, none=""),
-            Column("activity", "%", 2, none=""),
-            Column("estimate", "mW", 2), Column("the paper", "mW", 2),
+            Column("part"), *columns(Logic, "nand2 activity"),
+            Column("estimate", "mW", 2, get="watts", per=MILLI),
+            Column("the paper", "mW", 2, get="paper", per=MILLI),
         ],
-        rows, ("power",), frozenset(strong),
+        [blank | row for row in rows], frozenset({len(rows) - 2}),
     )  # fmt: skip
     yield Card(
         "How large",
@@ -160,7 +156,7 @@ def placed(results: Results) -> Iterator[Item]:
         "seeds, and parts of machines, each alone. From, to: ends of the path that limits Fmax. "
         "The registers around single parts are subtracted.",
         [Column("machine"), Column("device"), Column("part"), *PLACED],
-        rows, FPGA_SOURCES,
+        rows,
     )  # fmt: skip
 
 
@@ -202,17 +198,9 @@ def fitted(results: Results) -> Iterator[Item]:
                 [path.stem, name, field["default"], field["chosen"], field["reason"]]
                 for name, field in facts["fields"].items()
             ]
-            views += [
-                [
-                    path.stem,
-                    asked,
-                    name,
-                    view["frame"] / MILLION,
-                    view["fps"],
-                    view["psnr_db_machine"],
-                ]
-                for name, view in facts["views"].items()
-            ]
+            for name, view in facts["views"].items():
+                found = view["frame"] / MILLION, view["fps"], view["psnr_db_machine"]
+                views.append([path.stem, asked, name, *found])
             commands.append(shlex.join(words))
         except InputError as error:
             results.troubles.append(str(error))

@@ -1,6 +1,6 @@
 """A report's tables, figures and texts, as an HTML page and a JSON object."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from jinja2 import Environment, PackageLoader
@@ -28,7 +28,6 @@ class Figure:
     about: str
     svg: str = ""
     uri: str = ""
-    sources: Sequence[str] = ()
     commands: list[str] = field(default_factory=list)
     versions: list[str] = field(default_factory=list)
 
@@ -38,10 +37,10 @@ class Figure:
 
 
 def plotted(
-    key: str, caption: str, about: str, height: float, draw: Callable[[Canvas], None], source: str
+    key: str, caption: str, about: str, height: float, draw: Callable[[Canvas], None]
 ) -> Figure:
-    """A figure drawn by `draw` on a canvas of `height` inches, from one result (`source`)."""
-    return Figure(key, caption, about, plot(key, height, draw), sources=(source,))
+    """A figure drawn by `draw` on a canvas of `height` inches."""
+    return Figure(key, caption, about, plot(key, height, draw))
 
 
 @dataclass

@@ -15,6 +15,8 @@ from splatcore.spec.microprogram import operation_counts, projection
 from splatcore.spec.schedule import pes, schedule
 from splatcore.study.report.page import THOUSAND, Card, Item, plotted
 from splatcore.study.report.results import Results
+from splatcore.study.results.fields import columns, with_names
+from splatcore.study.results.machines import Gates
 
 BITS = 8  # of a byte
 
@@ -101,37 +103,26 @@ def gates(results: Results) -> Iterator[Item]:
         "Gates by stage, ours and the paper's. The paper has no stage for binning; its four "
         "sorters have 256 entries each and find the maximum of all entries at once.",
         "Bars of each stage, ours and the paper's.",
-        1 + 0.34 * len(stages), draw, "synth",
+        1 + 0.34 * len(stages), draw,
     )  # fmt: skip
-    rows, strong = [], set()
+    rows = []
     for stage, nand2 in stages.items():
-        theirs = paper.GATES.get(stage)
-        strong.add(len(rows))
-        rows.append([stage, None, nand2 / THOUSAND, None, None, theirs and theirs / THOUSAND])
-        rows += [
-            [
-                f"{stage}: {name.replace('_', ' ')}", part["count"], part["nand2"] / THOUSAND,
-                part["speed_nand2"] / THOUSAND, part["speed_depth"], None,
-            ]
-            for name, part in top["parts"].items()
-            if part["stage"] == stage
-        ]  # fmt: skip
-    strong.add(len(rows))
-    rows.append(
-        ["all", None, top["nand2"] / THOUSAND, top["speed_nand2"] / THOUSAND, None,
-         paper.GATES_ALL / THOUSAND]
-    )  # fmt: skip
-    yield Table(
+        rows.append({"part": stage, "nand2": nand2, "paper": paper.GATES.get(stage)})
+        parts = {name: part for name, part in top["parts"].items() if part["stage"] == stage}
+        rows += with_names("part", {f"{stage}: {k.replace('_', ' ')}": parts[k] for k in parts})
+    rows.append(top | {"part": "all", "paper": paper.GATES_ALL})
+    strong = frozenset(n for n, row in enumerate(rows) if "stage" not in row)
+    keys = ("count", "nand2", "speed_nand2", "speed_depth", "paper")
+    yield Table.of(
         "gates",
         "Gates of the whole machine, with flip-flops and without memories, mapped for area and "
         "for speed. Depth: gates on the longest path between registers, mapped for speed; 800 MHz "
         f"in 28 nm allow {DEPTH_MAX}.",
         [
-            Column("part"), Column("count", "", 0, none=""), Column("for area", "k NAND2", 1),
-            Column("for speed", "k NAND2", 1, none=""), Column("depth", "gates", 0, none=""),
-            Column("the paper", "k", 1, none=""),
+            Column("part"), *columns(Gates, " ".join(keys[:-1])),
+            Column("the paper", "k", 1, none="", get="paper", per=THOUSAND),
         ],
-        rows, ("synth",), frozenset(strong),
+        (dict.fromkeys(keys) | row for row in rows), strong,
     )  # fmt: skip
 
 
@@ -146,18 +137,15 @@ def memories(results: Results) -> Iterator[Item]:
         "How large", f"{facts['kilobytes']:.1f} KB",
         f"of on-chip memory; the paper: {sum(paper.MEMORIES.values())}",
     )  # fmt: skip
-    rows = [[facts["preset"], stage, size] for stage, size in sizes.items()]
-    rows.append([facts["preset"], "all", facts["kilobytes"]])
-    strong = {len(rows) - 1}
-    rows += [["the paper", name, size] for name, size in paper.MEMORIES.items()]
-    rows.append(["the paper", "all", sum(paper.MEMORIES.values())])
-    strong.add(len(rows) - 1)
+    theirs = paper.MEMORIES | {"all": sum(paper.MEMORIES.values())}
+    rows = [[facts["preset"], *size] for size in (*sizes.items(), ("all", facts["kilobytes"]))]
+    rows += [["the paper", *size] for size in theirs.items()]
     yield Table(
         "memories",
         "On-chip memories. The paper divides them differently: its lists are stored on chip as far "
         "as they fit, ours are streamed through DRAM.",
         [Column("machine"), Column("memory"), Column("size", "KB", 2)],
-        rows, ("memories",), frozenset(strong),
+        rows, frozenset(n for n, row in enumerate(rows) if row[1] == "all"),
     )  # fmt: skip
 
 

@@ -1,14 +1,95 @@
-"""The report's section on published accelerators, with this machine in the first row."""
+"""Published accelerators for 3D Gaussian Splatting, and the report's section on them.
+
+Figures are the authors' own, each with its source; None: not stated in the source that was read.
+Figures of one machine that come from the paper of another are marked; frame rates are for each
+author's own scenes, at the resolution in `pixels`.
+"""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
 from splatcore.study.report.page import THOUSAND, Item
-from splatcore.study.report.published_figures import PUBLISHED
 from splatcore.study.report.quality import PACKINGS, fps
 from splatcore.study.report.results import Results
+
+
+class Published(NamedTuple):
+    """A machine.
+
+    clock: MHz
+    gates: thousands
+    memory: KB on chip
+    area: mm²
+    power: W
+    """
+
+    name: str
+    kind: str
+    process: str | None
+    clock: float | None
+    gates: float | None
+    memory: float | None
+    area: float | None
+    power: float | None
+    pixels: str | None
+    fps: str | None
+    source: str
+
+
+CHANG = "Chang and Chang, IEEE TVCG, arXiv 2604.10223"
+
+PUBLISHED = (
+    Published(
+        "Chang and Chang", "ASIC, synthesis", "28 nm", 800, 1143.8, 120, 0.66, 0.219,
+        "1920×1080", "129 (its set B), 181 (set A)", CHANG,
+    ),
+    Published(
+        "GSCore", "ASIC, synthesis", "28 nm", 1000, None, 272, 3.95, 0.87, "800×600", "182",
+        f"as the comparison of {CHANG}, prints it; own: Lee et al., ASPLOS 2024, "
+        "doi 10.1145/3620666.3651385 (28 nm; 15.86 × a mobile GPU)",
+    ),
+    Published(
+        "GSNorm", "ASIC", "22 nm", 500, None, None, 2.48, 0.284, "800×600", "94.6",
+        f"as the comparison of {CHANG}, prints it",
+    ),
+    Published(
+        "Neo", "ASIC", None, None, None, None, None, None, None,
+        "up to 5.6 × the ASIC it compares with",
+        "Oh et al., arXiv 2511.12930, abstract",
+    ),
+    Published(
+        "Neo's cycle model", "model, 256 pixels per cycle, 51.2 GB/s", None, 1000, None, None, None,
+        None, "1920×1080", "250 (flowers), 455 (skull), 694 (luma-seal)",
+        "its published cycle model on three of this report's frames, without projection and "
+        "writing of the picture: docs/performance.md",
+    ),
+    Published(
+        "GCC", "ASIC", "28 nm", None, None, None, None, None, None, None,
+        "Pei et al., arXiv 2507.15300, abstract",
+    ),
+    Published(
+        "3D GS processor", "chip", None, None, None, None, None, None, None,
+        "373, at 1.78 mJ per frame", "ISSCC 2025, 2.6, title and abstract",
+    ),
+    Published(
+        "Vorion", "RISC-V GPU, prototype", "16 nm", None, None, None, None, None, None, "19",
+        "arXiv 2511.16831, abstract",
+    ),
+    Published(
+        "GauRast", "GPU's triangle rasterizer, extended", None, None, None, None, None, None, None,
+        "24, and 46 with a later pipeline", "arXiv 2503.16681, abstract",
+    ),
+    Published(
+        "Lee et al.", "FPGA", None, None, None, None, None, None, None, None,
+        "A Hierarchical Sorting based Real-Time Gaussian Splatting Rendering FPGA Processor, "
+        "JAKO202401668400714, abstract, which has no figures",
+    ),
+)  # fmt: skip
+"""The published machines."""
+
 
 OPEN = "open"  # a value that the source does not have
 
@@ -48,7 +129,7 @@ def published(results: Results) -> Iterator[Item]:
             Column("FPS", none=OPEN), Column("source", wide=True),
         ],
         [own(results), *map(list, PUBLISHED)],
-        ("synth", "memories", "quality"), frozenset({0}),
+        frozenset({0}),
     )  # fmt: skip
 
 

@@ -81,7 +81,7 @@ def plots(results: Results) -> Iterator[Item]:
     for key, caption in PICTURES.items():
         yield plotted(
             f"{key}-plot", caption, f"Lines of {len(by_view(rows))} views.", HEIGHT,
-            lambda figure, key=key: lines(figure, rows, ACROSS[key]), "quality",
+            lambda figure, key=key: lines(figure, rows, ACROSS[key]),
         )  # fmt: skip
 
 
@@ -113,7 +113,7 @@ def table(results: Results) -> Iterator[Item]:
         "between 8-bit pictures: the golden model against the reference on the scene as trained "
         "(scene); the reference on the packed model against the reference on the scene as trained "
         "(packing); the golden model against the reference on the same packed model (machine).",
-        [*columns(QualityRow, SHOWN), Column("FPS", "at 800 MHz", 1, get=fps)], rows, ("quality",),
+        [*columns(QualityRow, SHOWN), Column("FPS", "at 800 MHz", 1, get=fps)], rows,
     )  # fmt: skip
 
 
@@ -129,7 +129,7 @@ def stages(results: Results) -> Iterator[Item]:
         f"Cycles per frame by the cycle model: of each stage alone, and of both halves with their "
         f"stages waiting for each other, {facts['size']}, packed {PACKINGS[0]}. The first section "
         "has cycles of RTL simulation.",
-        [Column("view", get=lambda row: titles[id(row)]), *cycles], mine, ("quality",),
+        [Column("view", get=lambda row: titles[id(row)]), *cycles], mine,
     )  # fmt: skip
 
 

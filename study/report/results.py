@@ -27,18 +27,14 @@ class Facts(dict):
 
 
 def _facts(value: object, file: str, place: str) -> object:
-    """Convert all objects in a value into `Facts`."""
+    """Convert all objects in a value into `Facts`, except those that are."""
+    if isinstance(value, Facts):
+        return value
     if isinstance(value, dict):
         return Facts(value, file, place)
     if isinstance(value, list):
         return [_facts(item, file, f"{place}[{n}]") for n, item in enumerate(value)]
     return value
-
-
-def in_units(facts: dict, key: str | None, unit: float) -> float | None:
-    """A number in another unit; None if it is missing."""
-    value = facts.get(key)
-    return None if value is None else value / unit
 
 
 def _refuse(word: str):
@@ -57,6 +53,15 @@ def read(path: Path) -> Facts:
     if not isinstance(value, dict):
         raise InputError(f"{path}: is not a JSON object")
     return Facts(value, str(path))
+
+
+def read_result(path: Path, several: str) -> Facts:
+    """Read a result's file, or its rows from files of its folder: a pattern, if not empty."""
+    if not several:
+        return read(path)
+    rows = [read(each) for each in sorted(path.parent.glob(several))]
+    versions = dict.fromkeys(row.get("version", "") for row in rows)
+    return Facts({"rows": rows, "version": "; ".join(filter(None, versions))}, str(path.parent))
 
 
 @dataclass
@@ -122,29 +127,24 @@ class Results:
         return path
 
     def facts(self, name: str) -> Facts:
-        """A result's content; raises InputError if its size or preset is not the requested one."""
+        """A result's content; failures of a campaign are added to the troubles.
+
+        Raises InputError if its size or preset is not the requested one.
+        """
         if self.is_kept(name):
             found = self.from_kept(name)
         else:
-            found = read(self.path(name))
+            found = read_result(self.path(name), RESULTS[name].several)
             self._found[name] = measured_with(found)
             self._versions[name] = found.get("version", "")
         self.check(found, RESULTS[name].takes)
+        if isinstance(failed := found.get("failed"), list):
+            self.troubles += [f"{found.file}: {each['what']}: {each['why']}" for each in failed]
         return found
 
-    def campaign(self, name: str) -> Facts:
-        """A campaign's result; its failures are added to the troubles."""
-        facts = self.facts(name)
-        for failed in facts["failed"]:
-            self.troubles.append(f"{facts.file}: {failed['what']}: {failed['why']}")
-        return facts
-
     def rows(self, name: str) -> tuple[Facts, list[Facts]]:
-        """A campaign's result and its rows of the requested scenes.
-
-        Raises InputError if there is none.
-        """
-        facts = self.campaign(name)
+        """A result and its rows of the requested scenes; raises InputError if there is none."""
+        facts = self.facts(name)
         if not (rows := self.of_scenes(facts["rows"])):
             raise InputError(f"{facts.file}: holds no row")
         return facts, rows
@@ -176,16 +176,3 @@ class Results:
         if missing and rows:
             self.troubles.append(f"{rows[0].file}: has no rows of {', '.join(missing)}")
         return [row for row in rows if not asked or row["scene"] in asked]
-
-    def several(self, name: str) -> Iterator[Facts]:
-        """Yield the contents of all JSON files in a result's folder, or a kept result's rows."""
-        if self.is_kept(name):
-            yield from self.from_kept(name)["rows"]
-            return
-        versions: dict[str, None] = {}
-        for path in sorted(self.path(name).parent.glob(RESULTS[name].several)):
-            found = read(path)
-            self._found[name] = measured_with(found)
-            versions[found.get("version", "")] = None
-            self._versions[name] = "; ".join(filter(None, versions))
-            yield found

@@ -20,7 +20,7 @@ from splatcore.study.report import (
     sweep,
 )
 from splatcore.study.report.kept import items
-from splatcore.study.report.page import Item, Part, facts, html
+from splatcore.study.report.page import Card, Figure, Item, Part, facts, html
 from splatcore.study.report.results import Results
 from splatcore.study.report.titles import titles
 from splatcore.study.results.fields import columns, sheets
@@ -55,7 +55,7 @@ def own_tables(name: str, results: Results) -> Iterator[Table]:
         rows = [
             dict(zip(outer, own, strict=True)) | item for own, item in items(facts, sheet.place)
         ]
-        yield Table.of(f"{name}{'-' * bool(sheet.end)}{sheet.end}", "", shown, rows, (name,))
+        yield Table.of(f"{name}{'-' * bool(sheet.end)}{sheet.end}", "", shown, rows)
 
 
 def compose(name: str, results: Results) -> Part:
@@ -64,7 +64,7 @@ def compose(name: str, results: Results) -> Part:
     for block in BLOCKS.get(name) or (partial(own_tables, name),):
         results.used.clear()
         try:
-            part.items += list(block(results))
+            part.items += made_by(block, name, results)
         except InputError as error:
             part.problems.append(str(error))
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -74,14 +74,20 @@ def compose(name: str, results: Results) -> Part:
         part.problems += results.troubles
         results.troubles.clear()
     part.problems = list(dict.fromkeys(part.problems))
-    for card in part.shown("card"):
-        card.section = name
-    for item in (*part.shown("table"), *part.shown("figure")):
-        item.commands += [results.command(source) for source in dict.fromkeys(item.sources)]
-        versions = map(results.version, dict.fromkeys(item.sources))
-        item.versions = list(dict.fromkeys(filter(None, versions)))
-        item.commands = item.commands or [f"splatcore report --section {name} -o DIR"]
     return part
+
+
+def made_by(block: Block, name: str, results: Results) -> list[Item]:
+    """The items of a block, with the commands and versions that made the results which it read."""
+    items, used = list(block(results)), dict.fromkeys(results.used)
+    for item in items:
+        if isinstance(item, Table | Figure):
+            item.commands = item.commands or list(map(results.command, used))
+            item.commands = item.commands or [f"splatcore report --section {name} -o DIR"]
+            item.versions = list(dict.fromkeys(filter(None, map(results.version, used))))
+        elif isinstance(item, Card):
+            item.section = name
+    return items
 
 
 def write_report(folder: Path, parts: list[Part]) -> list[Path]:

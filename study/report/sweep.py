@@ -25,7 +25,7 @@ BY_SCENE = "cycles.frame fps_at_800mhz psnr_db_machine psnr_db_scene max_error_m
 
 def swept(results: Results) -> tuple[Facts, Facts]:
     """The sweep and its points."""
-    facts = results.campaign("sweep")
+    facts = results.facts("sweep")
     if not facts["points"]:
         raise InputError(f"{facts.file}: holds no point")
     return facts, facts["points"]
@@ -48,7 +48,7 @@ def summary(results: Results) -> Iterator[Item]:
         "on the same packed model (machine). Front: on the Pareto front of cycles (slowest scene "
         "and mean), mean PSNR and gates.",
         [Column("machine"), *columns(SweepPoint, SHOWN)], with_names("machine", points),
-        ("sweep",), frozenset(n for n, name in enumerate(points) if name in BASES),
+        frozenset(n for n, name in enumerate(points) if name in BASES),
     )  # fmt: skip
 
 
@@ -100,7 +100,6 @@ def one_by_one(results: Results) -> Iterator[Item]:
         "DEFAULT.",
         "A row of three dot plots for each changed field.",
         knobs("knobs", points),
-        sources=("sweep",),
     )
 
 
@@ -125,7 +124,6 @@ def by_scene(results: Results) -> Iterator[Item]:
         "(scene).",
         shown,
         ({"scene": scene, "camera": camera} | rows for (scene, camera), rows in views.items()),
-        ("sweep",),
     )
 
 
@@ -140,7 +138,7 @@ def confirmed(results: Results) -> Iterator[Item]:
         "Machines of the sweep simulated in RTL: cycles per frame by the cycle model and in RTL. "
         "Identical: every bit of the picture equals the golden model's.",
         [Column("machine"), *VIEW, Column("size"), *AGAINST_RTL],
-        with_names("machine", found), ("sweep",),
+        with_names("machine", found),
     )  # fmt: skip
 
 

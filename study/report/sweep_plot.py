@@ -101,7 +101,7 @@ def plane(key: str, caption: str, points: Facts, across: str, up: str, **lines: 
         plot.name_points(figure, axes, named)
 
     about = f"Scatter plot of {len(points)} machines."
-    return Item(key, caption, about, plot.plot(key, PLANE_HEIGHT, draw), sources=("sweep",))
+    return Item(key, caption, about, plot.plot(key, PLANE_HEIGHT, draw))
 
 
 def knobs(key: str, points: Facts) -> str:

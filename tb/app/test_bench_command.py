@@ -6,7 +6,7 @@ from splatcore.sim.cycles.sort import stage_cycles
 from splatcore.sim.frame.picture import read_png
 from splatcore.spec.config import TINY
 from splatcore.study.bench.sort import BOUND
-from splatcore.study.bench.sort_rows import KEYS, entries_of
+from splatcore.study.bench.sort_parts import KEYS, entries_of
 from tb.helpers.command import check_documented, load, run
 
 LENGTHS = [1, 16, 65, 300]

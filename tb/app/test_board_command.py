@@ -16,7 +16,7 @@ from litedram.phy.model import get_sdram_phy_settings
 
 from splatcore.app.cli import board as board_command
 from splatcore.eda.board import host
-from splatcore.eda.board.memory import place_in
+from splatcore.eda.board.host import place_in
 from splatcore.eda.gates.synth import yosys
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import generate, generated_camera

@@ -217,7 +217,7 @@ def test_bad_options(scene_file, tmp_path, capsys, options, keys, message):
 
 def test_degree_above_the_scene_s(scene_file, tmp_path, capsys, monkeypatch):
     """A degree above the scene's is refused before any picture is rendered."""
-    monkeypatch.delattr(compression_run, "teacher")
+    monkeypatch.delattr("splatcore.model.compress.teacher.teacher_targets")
     assert compress(scene_file, tmp_path / "m", degree=2) == 2
     assert "small.ply: degree 2 is above its degree 1" in capsys.readouterr().err
 

@@ -67,6 +67,8 @@ def test_all_cases_of_the_golden_model(tmp_path, capsys):
     assert read_png(folder / "hard-cases.png").std() > 20
     text = capsys.readouterr().out
     assert text.count(": pass (") == len(HARD) and "34 of 34 pass" in text and "FAIL" not in text
+    (empty,) = re.findall(r"^ +empty .*", text, re.M)
+    assert empty.split()[1:3] == ["identical", "identical"], "of both PSNR, machine"
 
 
 def test_measured_values(tmp_path, capsys):

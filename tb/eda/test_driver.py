@@ -162,7 +162,7 @@ def test_ready_does_not_end_the_pauses_of_a_wait_for_the_frame(points, tiny_file
 @pytest.mark.parametrize("event", ["READY", "FRAME", "ERROR"])
 def test_pending_events_do_not_end_the_pauses_of_ready_and_stay(event, tiny_files):
     pending = (
-        f"machine.interrupt = SPLATCORE_INTERRUPT_{event}; machine.held = {int(event == 'ERROR')};"
+        f"machine.interrupt = SPLATCORE_INTERRUPT_{event}; machine.held = {event == 'ERROR':d};"
     )
     ready = "failed = splatcore_ready(&machine, 3);"
     run = driven(tiny_files, calls=pending + ready + WAIT, ready_after=3)

@@ -51,9 +51,8 @@ def step(kind: str, delay: float, begin: str, end: str) -> dict:
 
 REPORT = {
     "utilization": {
-        "DP16KD": {"available": 56, "used": 6},
-        "TRELLIS_FF": {"available": 24288, "used": 400},
-        "TRELLIS_COMB": {"available": 24288, "used": 300},
+        kind: {"available": 24288, "used": used}
+        for kind, used in (("DP16KD", 6), ("TRELLIS_FF", 400), ("TRELLIS_COMB", 300))
     },
     "fmax": {"$glbnet$clk": {"achieved": 123.456, "constraint": 100.0}},
     "critical_paths": [
@@ -90,10 +89,8 @@ class Small(wiring.Component):
 
 
 def test_log():
-    assert fpga.used(LOG)["MULT18X18D"] == (64, 28) and fpga.used(LOG)["TRELLIS_FF"] == (
-        8437,
-        24288,
-    )
+    found = fpga.used(LOG)
+    assert (found["MULT18X18D"], found["TRELLIS_FF"]) == ((64, 28), (8437, 24288))
     assert fpga.why_not(LOG) == "does not fit: luts 26670 of 24288, multipliers 64 of 28"
     fits = LOG.replace("64/", "4/").replace("26670/", "2667/")
     assert fpga.why_not(fits).startswith("Unable to place cell")

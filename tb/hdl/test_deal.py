@@ -21,8 +21,7 @@ from splatcore.spec.sort import (
     line_record,
     listed_record,
 )
-from splatcore.study.bench.sort_rows import KEYS
-from splatcore.study.bench.sort_stage import SortStage
+from splatcore.study.bench.sort_parts import KEYS, SortStage
 from tb.helpers.configs import MACHINES
 from tb.helpers.parts import forward
 from tb.helpers.runs import Case, compiled, faults_are_found

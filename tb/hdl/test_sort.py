@@ -16,7 +16,7 @@ from splatcore.spec.config import TINY
 from splatcore.spec.group import sorted_record
 from splatcore.spec.sort import half_entries
 from splatcore.study.bench.sort import BOUND, BOUND_FROM
-from splatcore.study.bench.sort_rows import KEYS, entries_of
+from splatcore.study.bench.sort_parts import KEYS, entries_of
 from tb.helpers.configs import MACHINES, machines
 from tb.helpers.runs import compiled, counters, faults_are_found
 from tb.stages.sorting import sort_case

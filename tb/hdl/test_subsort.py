@@ -10,7 +10,7 @@ from splatcore.golden.sort import sub_sort
 from splatcore.hdl.sorting.subsort import SubSorter
 from splatcore.spec.config import TINY
 from splatcore.spec.sort import digits, phases, ranked_record
-from splatcore.study.bench.sort_rows import random_keys
+from splatcore.study.bench.sort_parts import random_keys
 from tb.helpers.configs import machines
 from tb.helpers.runs import compiled
 from tb.stages.sorting import KEYS, batch_case, batches_of

@@ -9,8 +9,8 @@ from splatcore.spec.config import TINY, Config
 from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
 from splatcore.spec.record import Codes
 from splatcore.spec.sort import batch_record, half_entries, job_record, ranked_record
-from splatcore.study.bench import sort_rows
-from splatcore.study.bench.sort_rows import entries_of, random_keys, stage_rows
+from splatcore.study.bench import sort_parts
+from splatcore.study.bench.sort_parts import entries_of, random_keys, stage_rows
 from tb.helpers.runs import Case
 
 
@@ -22,7 +22,7 @@ def extreme_keys(bits: int, count: int, random: np.random.Generator) -> np.ndarr
     return random.choice(np.array([0, (1 << bits) - 1], np.uint64), count)
 
 
-KEYS = sort_rows.KEYS | {"close": close_keys, "extreme": extreme_keys}
+KEYS = sort_parts.KEYS | {"close": close_keys, "extreme": extreme_keys}
 """Kinds of keys."""
 
 KEYS_OF = {"full": "random", "tie": "equal", "saturated": "extreme"}

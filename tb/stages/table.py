@@ -21,7 +21,7 @@ from splatcore.hdl.top import Top
 from splatcore.spec.axi import PREPROCESSING, RENDERING
 from splatcore.spec.config import TINY
 from splatcore.spec.record import Codes
-from splatcore.study.bench.sort_stage import SortStage
+from splatcore.study.bench.sort_parts import SortStage
 from tb.helpers.bin_frames import BinFrames, Frame, bin_case, bin_frame
 from tb.helpers.bin_splats import KINDS as SPLATS
 from tb.helpers.bin_splats import splats, together

@@ -31,7 +31,6 @@ from tb.helpers.compression_stand_in import (
     Interrupt,
     bench,
     held_out,
-    installed,
     scenes,
     small,
 )
@@ -39,11 +38,6 @@ from tb.helpers.compression_stand_in import (
 pytestmark = pytest.mark.compress
 
 pytest.importorskip("flip_evaluator")
-
-
-@pytest.fixture
-def fake(tmp_path, monkeypatch):
-    return installed(tmp_path, monkeypatch)
 
 
 def test_steps(fake, tmp_path, capsys):

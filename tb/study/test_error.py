@@ -19,7 +19,7 @@ from splatcore.spec.error import InputError
 from splatcore.study.accuracy import points as error
 from splatcore.study.accuracy.points import Reference, measure, measure_view, with_width
 from splatcore.study.accuracy.run import HARD_CASES, everything
-from tb.helpers.command import ROOT, load, run
+from tb.helpers.command import check_documented, load, run
 from tb.helpers.scenes import random_scene
 
 CAMERA = look_at((0.3, -0.2, -6.0), (0, 0, 0), 64, 48, 60.0, name="front")
@@ -243,10 +243,8 @@ def test_command(folder, capsys):
     fields = {name: found["fields"] for name, found in facts["machines"].items()}
     assert result["largest"] == {"scenes": fields}
     assert read_png("plot.png").std() > 5
-    with open(ROOT / "docs" / "json.md") as file:
-        documented = file.read().partition("## `splatcore error`")[2].partition("\n## ")[0]
     for keys in (result, result["machines"]["PAPER"], facts, facts["machines"]["PAPER"], FIELDS):
-        assert all(f"`{key}`" in documented for key in keys)
+        check_documented("## `splatcore error`", keys)
 
 
 @pytest.mark.slow

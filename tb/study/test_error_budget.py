@@ -18,7 +18,7 @@ from splatcore.spec.convention import Faint
 from splatcore.study.accuracy import budget as budgets
 from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES, budget
 from splatcore.study.accuracy.points import Reference
-from tb.helpers.command import ROOT, load, run
+from tb.helpers.command import check_documented, load, run
 
 VIEW = View("garden", size="128x72", quality="faithful")
 
@@ -205,8 +205,7 @@ def test_command(tmp_path, monkeypatch, capsys):
         assert each["part"] in printed and f"{each['psnr_db']:.2f}" in printed
     assert f"scene {row['psnr_db_scene']:.2f}" in printed and "…" not in printed
     assert read_png("b.png").std() > 5
-    text = (ROOT / "docs" / "json.md").read_text().partition("--stage all")[2]
-    assert all(f"`{key}`" in text.partition("\n## ")[0] for key in (*row, *row["parts"][0]))
+    check_documented("--stage all", (*row, *row["parts"][0]))
     write_ply("s.ply", View("garden").open().source.scene[:50])
     assert run("pack", "s.ply", "-o", "s.splatcore") == 0
     for words, message in {

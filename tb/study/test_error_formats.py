@@ -1,19 +1,20 @@
 """`splatcore error --stage sort`: key windows, changed places and pictures of each key format;
-`--stage raster`: the sweep of stage 3's formats."""
+`--stage raster`: the sweep of stage 3's formats. The plot of errors by field."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from splatcore.golden.raster import Entries
 from splatcore.golden.reference import Splats
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.shot import View
-from splatcore.spec.config import DEFAULT
-from splatcore.study.accuracy import raster as error_raster
-from splatcore.study.accuracy.raster import raster_errors, raster_table, write_raster_plot
-from splatcore.study.accuracy.sort import (
+from splatcore.spec.config import DEFAULT, PAPER, TINY
+from splatcore.study.accuracy import formats
+from splatcore.study.accuracy.keys import (
     EXACT_ORDER,
     FRACTIONS,
     WAYS,
@@ -21,7 +22,8 @@ from splatcore.study.accuracy.sort import (
     reordered,
     window,
 )
-from tb.helpers.command import ROOT, load, run
+from splatcore.study.accuracy.plot import FLOOR, LOW, draw_fields
+from tb.helpers.command import check_documented, load, run
 
 
 def splats_at(depth: list[float], index: list[int]) -> Splats:
@@ -75,18 +77,14 @@ def test_command(tmp_path, monkeypatch, capsys):
     assert changed == sorted(changed, reverse=True) and changed[0] > 0.1 > 0.01 > changed[-1] > 0
     exact = ways[EXACT_ORDER]
     assert exact["changed_places"] == 0 and exact["max_error_float64"] < 0.02
-    assert (
-        bits[0]["psnr_db_float64"] + 3
-        < bits[-1]["psnr_db_float64"]
-        <= exact["psnr_db_float64"] + 0.1
-    )
+    decibels = [way["psnr_db_float64"] for way in (bits[0], bits[-1], exact)]
+    assert decibels[0] + 3 < decibels[1] <= decibels[2] + 0.1
     assert bits[0]["max_error_float64"] > 5 * exact["max_error_float64"]
     assert ways["15 bits, by group"]["changed_places"] > ways["18 bits, by group"]["changed_places"]
     assert read_png("keys.png").std() > 5
     printed = capsys.readouterr().out
     assert "14 fraction bits" in printed and "…" not in printed
-    text = (ROOT / "docs" / "json.md").read_text()
-    assert all(f"`{key}`" in text.partition("--stage sort")[2] for key in exact)
+    check_documented("--stage sort", exact)
 
 
 def test_no_other_machines(capsys):
@@ -97,18 +95,54 @@ def test_no_other_machines(capsys):
 
 @pytest.mark.slow
 def test_fewer_bits_cost_decibels_and_save_gates(monkeypatch, tmp_path):
-    monkeypatch.setattr(error_raster, "SWEEP", {"sum_fraction": (10,)})
-    found = raster_errors({"garden": View("garden", size="160x90")})
+    monkeypatch.setattr(formats, "SWEEP", {"sum_fraction": (10,)})
+    found = formats.raster_errors({"garden": View("garden", size="160x90")})
     full, cut = found["DEFAULT"], found["sum_fraction 10"]
     assert full["gates"] > cut["gates"] > 1000
-    assert (
-        full["scenes"]["garden"]["psnr_db_float64"] > cut["scenes"]["garden"]["psnr_db_float64"] + 1
-    )
-    assert (
-        cut["scenes"]["garden"]["max_error_float64"]
-        > full["scenes"]["garden"]["max_error_float64"]
-        > 0
-    )
-    assert len(raster_table(found).rows) == 2
-    write_raster_plot(tmp_path / "formats.png", found)
+    wide, narrow = (machine["scenes"]["garden"] for machine in (full, cut))
+    assert wide["psnr_db_float64"] > narrow["psnr_db_float64"] + 1
+    assert narrow["max_error_float64"] > wide["max_error_float64"] > 0
+    assert len(formats.table(found).rows) == 2
+    formats.write_plot("raster", found, tmp_path / "formats.png")
     assert (tmp_path / "formats.png").stat().st_size > 10_000
+
+
+MACHINES = (DEFAULT, PAPER, TINY)
+RMS = {"u": 1e-3, "v": 2e-3, "depth": 1e-17, "colour": 1e-4, "opacity": 0.0, "a": None}
+
+
+@pytest.fixture
+def axes():
+    """Axes for two kinds of scenes with equal errors per field, so that points could overlap."""
+    largest = {
+        kind: {c.name: {f: {"rms": rms} for f, rms in RMS.items()} for c in MACHINES}
+        for kind in ("scenes", "hard")
+    }
+    axes = Figure().subplots()
+    draw_fields(axes, largest, MACHINES)
+    return axes
+
+
+def points(axes) -> np.ndarray:
+    found = np.concatenate([line.get_xydata() for line in axes.get_lines()])
+    return found[np.isfinite(found).all(1)]
+
+
+def test_fields_are_not_joined(axes):
+    assert axes.get_lines() and {line.get_linestyle() for line in axes.get_lines()} == {"None"}
+
+
+def test_no_point_hides_another(axes):
+    found = points(axes)
+    assert len(found) == 2 * len(MACHINES) * 4  # errors of 0 and unmeasured errors have no point
+    for one, other in itertools.combinations(found, 2):
+        assert abs(one[0] - other[0]) > 0.05
+    assert (abs(found[:, 0] - found[:, 0].round()) < 0.45).all()  # nearest to its own field's name
+
+
+def test_a_tiny_error_does_not_squeeze_the_others(axes):
+    found = points(axes)
+    assert found[:, 1].min() == FLOOR and axes.get_ylim()[0] > FLOOR / 10
+    low = [line for line in axes.get_lines() if line.get_marker() == LOW]
+    assert low and all((line.get_ydata() == FLOOR).all() for line in low)
+    assert f"{FLOOR:.0e}" in axes.get_title()

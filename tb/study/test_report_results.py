@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
@@ -12,13 +13,13 @@ from splatcore.study.report.results import Results
 from splatcore.study.results.known import RESULTS
 from tb.helpers.command import make
 from tb.helpers.report_page import Page, Report, report
-from tb.helpers.report_samples import SIZE, VIEWS, everything, write
+from tb.helpers.report_samples import SIZE, VIEWS, write
 
 
 @pytest.fixture
-def results(tmp_path):
+def results(samples, tmp_path):
     """A folder with samples of all results."""
-    everything(tmp_path / "results")
+    shutil.copytree(samples / "results", tmp_path / "results")
     return tmp_path
 
 
@@ -214,9 +215,8 @@ def test_a_measurement_that_fails(results):
 
 
 @pytest.mark.slow
-def test_make_report(tmp_path):
+def test_make_report(results, tmp_path):
     """With the real program: one result is measured, one fails and its message is passed on."""
-    everything(tmp_path / "results")
     for name in ("memories.json", "power.json"):
         (tmp_path / "results" / name).unlink()
     (tmp_path / "odd.ply").write_text("no scene")
