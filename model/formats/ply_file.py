@@ -7,7 +7,7 @@ Source: Greg Turk, "The PLY Polygon File Format" (1994).
 import mmap
 import os
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -54,6 +54,19 @@ class Element:
             else:
                 fields.append((name, order + kind))
         return np.dtype(fields)
+
+
+def header(
+    elements: Mapping[str, tuple[int, str, Iterable[str]]], comments: Iterable[str] = ()
+) -> bytes:
+    """The header of a binary little-endian file without lists.
+
+    elements: name → number of rows, type of all properties, their names
+    """
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    for name, (count, kind, properties) in elements.items():
+        lines += [f"element {name} {count}", *(f"property {kind} {each}" for each in properties)]
+    return "\n".join([*lines, "end_header", ""]).encode()
 
 
 @dataclass(frozen=True)
