@@ -99,12 +99,23 @@ def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, 
     return (f"{says}: the rest is not read",)
 
 
-def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:
-    """Properties of a structured array [N] by name, as float64 [N, len(names)]."""
+def _columns(
+    table: np.ndarray, names: list[str], where: object, kind: type | None = None
+) -> np.ndarray:
+    """Properties of a structured array [N] by name, [N, len(names)], as float64.
+
+    kind: all must have this type, and are returned in it
+    """
     for name in names:
         if name not in table.dtype.names:
             raise input_error(where, f"property {name!r} is missing")
-    return np.stack([np.asarray(table[name], np.float64) for name in names], axis=1)
+    for name in names if kind else ():
+        if table.dtype[name].newbyteorder("=") != np.dtype(kind):
+            raise input_error(where, f"property {name!r} is not {np.dtype(kind).name}")
+    found = np.empty((len(table), len(names)), kind or np.float64)
+    for column, name in zip(found.T, names, strict=True):
+        column[:] = table[name]
+    return found
 
 
 def _rest_names(table: np.ndarray, where: object) -> list[str]:
@@ -164,7 +175,7 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
     bounds = np.zeros((chunks, len(_BOUNDS)), "<f4")
     bounds[:, 15:] = 1
     bounds[:, : len(names)] = _columns(chunk, names, path)
-    packed = _integers(vertex, _PACKED, np.uint32, path)
+    packed = _columns(vertex, _PACKED, path, np.uint32)
     higher = None
     if "sh" in elements:
         if len(elements["sh"]) != len(vertex):
@@ -172,7 +183,7 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
                 path, f"element 'sh' has {len(elements['sh'])} rows, not {len(vertex)}"
             )
         names = _rest_names(elements["sh"], path)
-        sh = _integers(elements["sh"], names, np.uint8, path)
+        sh = _columns(elements["sh"], names, path, np.uint8)
         higher = _channel_last(SH_VALUE[sh])
     import gsply  # imports numba, which takes a third of a second
 
@@ -185,16 +196,6 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
     arrays = data.means, data.scales, data.quats, opacity, data.sh0, higher
     scene = file.stored_scene(path, *arrays)
     return replace(scene, notes=ply_marks.unused(vertex.dtype.names, _PACKED))
-
-
-def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:
-    """Properties of a structured array [N] by name, all of type `kind`, as [N, len(names)]."""
-    _columns(table[:0], names, where)
-    for name in names:
-        if table.dtype[name].newbyteorder("=") != np.dtype(kind):
-            raise input_error(where, f"property {name!r} is not {np.dtype(kind).name}")
-    columns = [np.asarray(table[name], kind) for name in names]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(table), 0), kind)
 
 
 def header(count: int, degree: int, comments: Iterable[str] = ()) -> tuple[bytes, int]:
