@@ -156,9 +156,8 @@ def test_broken_states_are_named(tmp_path):
 
 
 def test_what_cannot_be_written_is_named(tmp_path):
-    refused(r"gone/a.pt: cannot be written", Unfinished, tmp_path / "gone" / "a.pt").save(
-        {}, 1, 0.5
-    )
+    kept = Unfinished(tmp_path / "gone" / "a.pt")
+    refused(r"gone/a.pt: cannot be written", kept.save, {}, 1, 0.5)
 
 
 @pytest.fixture
