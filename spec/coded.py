@@ -32,7 +32,7 @@ from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, chunk_count
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.number import Bits, code_dtype
-from splatcore.spec.packed import PackedModel
+from splatcore.spec.packed import PackedModel, harmonics_beats
 from splatcore.spec.record import Array, Record, pack_bits
 
 MAGIC = int.from_bytes(b"SPLZ", "little")
@@ -50,6 +50,9 @@ SIZE = Record("size", {"bytes": Bits(32)})
 
 DISTANCE = Record("distance", {"rows": Bits(32)})
 """First column of a table with repeated rows: its distance per row."""
+
+WITH_BEATS = [number for number, layout in enumerate(LAYOUTS) if layout.beats]
+"""Numbers of the layouts with beats of harmonics."""
 
 BACK_MAX = 3
 """Maximum `back`: the same coefficient of the previous channel is 1 to 3 columns away."""
@@ -115,10 +118,9 @@ def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
         Table("positions", (format.position_record,), len(header)),
         Table("attributes", (format.stored_record,), len(header)),
     ]
-    for number, layout in enumerate(LAYOUTS):
-        if layout.beats:
-            count = int((of == number).sum())
-            found.append(Table(f"harmonics{number}", tuple(layout.records), count, repeats=True))
+    for number in WITH_BEATS:
+        records, count = tuple(LAYOUTS[number].records), int((of == number).sum())
+        found.append(Table(f"harmonics{number}", records, count, repeats=True))
     return [
         *found,
         Table("colours", (memory.COLOUR_ENTRY,), format.colour_entries),
@@ -141,16 +143,11 @@ def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
     yield positions, positions.records[0].pack(codes)
     yield attributes, model.stored_attributes
     of = _layout_numbers(model, harmonics)
-    for table, number in zip(others, _with_beats(), strict=True):
+    for table, number in zip(others, WITH_BEATS, strict=True):
         beats = model.beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
         yield table, model.attribute_beats(beats).reshape(table.count, table.size)
     yield colours, _part(model.image, layout.colours, colours)
     yield sh, _part(model.image, layout.sh, sh)
-
-
-def _with_beats() -> list[int]:
-    """Return the numbers of the layouts with beats of harmonics."""
-    return [number for number, layout in enumerate(LAYOUTS) if layout.beats]
 
 
 def _part(image: np.ndarray, start: int, table: Table) -> np.ndarray:
@@ -166,9 +163,9 @@ def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray])
     Returns uint8 [bytes].
     """
     of = _layout_numbers(header, harmonics)
-    size = np.array([layout.beats for layout in LAYOUTS])[of]
-    beats = np.cumsum(1 + size) - 1 - size  # [N] first beat of each Gaussian
-    layout = header.layout_of(int(size.sum()))
+    size = 1 + harmonics_beats(harmonics, len(header))
+    beats = np.cumsum(size) - size  # [N] first beat of each Gaussian
+    layout = header.layout_of(int(size.sum()) - len(header))
     image = np.zeros(layout.end, np.uint8)
 
     def put(start: int, data: np.ndarray):
@@ -184,10 +181,9 @@ def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray])
         put(layout.attributes, attributes)
     else:
         width = memory.ATTRIBUTE_BITS // 8
-        stored = image[layout.attributes :][: (len(of) + int(size.sum())) * width]
-        stored = stored.reshape(-1, width)
+        stored = image[layout.attributes :][: int(size.sum()) * width].reshape(-1, width)
         stored[beats] = attributes
-        for part, number in zip(others, _with_beats(), strict=True):
+        for part, number in zip(others, WITH_BEATS, strict=True):
             places = beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
             stored[places] = part.reshape(*places.shape, width)
     put(layout.colours, colours)

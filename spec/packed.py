@@ -23,6 +23,12 @@ from splatcore.spec.scene import Gaussians
 from splatcore.spec.small import expanded
 
 
+def harmonics_beats(layouts: np.ndarray, count: int) -> np.ndarray:
+    """Return the beats [N] of harmonics of each of `count` Gaussians; layouts: [C], of chunks."""
+    beats = np.array([layout.beats for layout in LAYOUTS])[layouts]
+    return np.repeat(beats, memory.CHUNK)[:count]
+
+
 def offsets(stored: np.ndarray, octant_end: np.ndarray, bits: int) -> np.ndarray:
     """Return whole offsets [N, 3].
 
@@ -87,7 +93,7 @@ class PackedModel(ModelHeader):
         """First beat [N] of each Gaussian's attributes, counted from the model's first."""
         if self.format.small:
             return np.arange(len(self)) // 2
-        beats = np.repeat(self.chunk_beats, memory.CHUNK)[: len(self)]
+        beats = 1 + harmonics_beats(self.chunks["harmonics"], len(self))
         return np.cumsum(beats) - beats
 
     def attribute_bursts(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

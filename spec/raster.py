@@ -153,14 +153,13 @@ def colours(config: Config) -> dict[str, Fixed]:
 
 def featured_record(config: Config) -> Record:
     """The input of stage 3: a splat and its tiles of the group, or (end 1) a group's end."""
-    mask = Bits(config.group**2)
-    return Record("featured", {"splat": feature_record(config), "mask": mask, "end": Bits(1)})
+    tiles = {"mask": Bits(config.group**2), "end": Bits(1)}
+    return Record("featured", {"splat": feature_record(config)} | tiles)
 
 
 def readied_record(config: Config) -> Record:
     """The same with the prepared splat."""
-    mask = Bits(config.group**2)
-    return Record("readied", {"splat": prepared_record(config), "mask": mask, "end": Bits(1)})
+    return Record("readied", dict(featured_record(config).fields, splat=prepared_record(config)))
 
 
 def position_record(config: Config) -> Record:

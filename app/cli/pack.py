@@ -1,6 +1,6 @@
 """The command `pack`: a scene as a packed model for the machine."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -96,7 +96,7 @@ def pack_command(
     parts = bytes_by_part(packed.model)
     for line in packed.report.notes:
         source.note(line)
-    facts = packed.report.as_dict() | source.stated | {
+    facts = asdict(packed.report) | source.stated | {
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip

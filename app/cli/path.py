@@ -147,7 +147,7 @@ def print_table(shot: Shot, rows: list[dict], columns: Sequence[Column], title: 
         column for column in columns if any(column.cell(column.value(row)) != NONE for row in lines)
     ]
     strong = frozenset(range(len(rows), len(lines)))
-    Table.of("path", title, [Column("camera"), *columns], lines, (), strong).print()
+    Table.of("path", title, [Column("camera"), *columns], lines, strong).print()
     console.print(f"{source.name}: {antialiased_line(source)}")
     if packing := rows[0].get("packing"):
         size = f"{packing['bytes_per_gaussian']:.2f} bytes per Gaussian"

@@ -227,7 +227,7 @@ def parts_table(
         rows += [{"part": f"  {size.part.name}"} | row([size], None) for size in parts]
     strong.append(len(rows))
     rows.append({"part": "all"} | row(found, GATES_ALL))
-    return Table.of("parts", title, [Column("part"), *columns], rows, (), frozenset(strong))
+    return Table.of("parts", title, [Column("part"), *columns], rows, frozenset(strong))
 
 
 COLUMNS = (

@@ -47,7 +47,7 @@ def table(found: Estimate, fps: float, title: str) -> Table:
     rows.append({"name": "DRAM, not included", "power": sum(found.dram.values()) * fps})
     for row in rows:
         row |= {key: row.get(key) or None for key in POWERS}
-    return Table.of("power", title, COLUMNS, rows, (), strong)
+    return Table.of("power", title, COLUMNS, rows, strong)
 
 
 def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) -> dict:

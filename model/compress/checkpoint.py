@@ -15,11 +15,11 @@ from typing import get_type_hints
 
 import numpy as np
 
-from splatcore.model.formats import file
+from splatcore.model.formats import file, ply
 from splatcore.model.formats.file import input_error, reading
 from splatcore.model.formats.model_file import read_model
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import ARRAYS, Scene, sh_count
+from splatcore.spec.scene import ARRAYS, Scene
 
 STEPS = "steps.json"
 MARK = ("antialiased", "mark")  # fields of a scene
@@ -29,12 +29,8 @@ Result = Scene | PackedModel
 
 def ply_bytes(count: int, degree: int) -> int:
     """Size in bytes of a PLY of the original 3DGS: float32, all attributes, with normals."""
-    names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2".split()
-    names += [f"rot_{k}" for k in range(4)]
-    names += [f"f_rest_{k}" for k in range(3 * sh_count(degree) - 3)]
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {count}", "end_header"]
-    lines += ["property float " + name for name in names]
-    return sum(len(line) + 1 for line in lines) + 4 * count * len(names)
+    start, columns = ply.header(count, degree)
+    return len(start) + 4 * count * columns
 
 
 @dataclass(frozen=True)

@@ -173,19 +173,14 @@ class Training:
 
     def save(self, path: Path):
         """Save the state from which training resumes."""
-        part = path.with_suffix(".part")
         with reading(path, "cannot be written"):
             path.parent.mkdir(parents=True, exist_ok=True)
-            torch.save(
-                {
-                    "key": self.key, "step": self.step, "state": self.state,
-                    "tensors": {name: tensor.data for name, tensor in self.tensors.items()},
-                    "optimizers": {n: each.state_dict() for n, each in self.optimizers.items()},
-                    "random": torch.get_rng_state(),
-                },
-                part,
-            )  # fmt: skip
-            part.replace(path)
+        trainable.write_state(path, {
+            "key": self.key, "step": self.step, "state": self.state,
+            "tensors": {name: tensor.data for name, tensor in self.tensors.items()},
+            "optimizers": {name: each.state_dict() for name, each in self.optimizers.items()},
+            "random": torch.get_rng_state(),
+        })  # fmt: skip
 
     def load(self, path: Path):
         """Resume from a saved state if the file exists.

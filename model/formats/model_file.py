@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import zstandard
@@ -17,9 +18,9 @@ from splatcore.spec.number import code_dtype
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.record import Record
 
-LEVEL = 16
-"""Compression level of zstd, the first with its optimal parser; higher levels take longer but save
-nothing."""
+zstd = partial(zstandard.compress, level=16)
+"""Compresses bytes to a zstd frame that states the size of its content, by the first level with
+zstd's optimal parser; higher levels take longer but save nothing."""
 
 
 def is_packed(path: str | os.PathLike) -> bool:
@@ -53,11 +54,6 @@ def file_bytes(model: PackedModel, plain: bool = False) -> bytes:
     if sound and (decode(data, model.name) == model.image).all():
         return data
     return memory_bytes
-
-
-def zstd(data: bytes) -> bytes:
-    """Compress to a zstd frame that states the size of its content."""
-    return zstandard.ZstdCompressor(level=LEVEL).compress(data)
 
 
 def encode(

@@ -5,10 +5,10 @@ its splat-transform reads it; `gsply` decodes all of it but the SH.
 """
 
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from plyfile import PlyData, PlyElement
 
 from splatcore.model.formats import file, ply_file, ply_marks
 from splatcore.model.formats.file import input_error
@@ -99,12 +99,23 @@ def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, 
     return (f"{says}: the rest is not read",)
 
 
-def _columns(table: np.ndarray, names: list[str], where: object) -> np.ndarray:
-    """Properties of a structured array [N] by name, as float64 [N, len(names)]."""
+def _columns(
+    table: np.ndarray, names: list[str], where: object, kind: type | None = None
+) -> np.ndarray:
+    """Properties of a structured array [N] by name, [N, len(names)], as float64.
+
+    kind: all must have this type, and are returned in it
+    """
     for name in names:
         if name not in table.dtype.names:
             raise input_error(where, f"property {name!r} is missing")
-    return np.stack([np.asarray(table[name], np.float64) for name in names], axis=1)
+    for name in names if kind else ():
+        if table.dtype[name].newbyteorder("=") != np.dtype(kind):
+            raise input_error(where, f"property {name!r} is not {np.dtype(kind).name}")
+    found = np.empty((len(table), len(names)), kind or np.float64)
+    for column, name in zip(found.T, names, strict=True):
+        column[:] = table[name]
+    return found
 
 
 def _rest_names(table: np.ndarray, where: object) -> list[str]:
@@ -164,7 +175,7 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
     bounds = np.zeros((chunks, len(_BOUNDS)), "<f4")
     bounds[:, 15:] = 1
     bounds[:, : len(names)] = _columns(chunk, names, path)
-    packed = _integers(vertex, _PACKED, np.uint32, path)
+    packed = _columns(vertex, _PACKED, path, np.uint32)
     higher = None
     if "sh" in elements:
         if len(elements["sh"]) != len(vertex):
@@ -172,35 +183,26 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
                 path, f"element 'sh' has {len(elements['sh'])} rows, not {len(vertex)}"
             )
         names = _rest_names(elements["sh"], path)
-        sh = _integers(elements["sh"], names, np.uint8, path)
+        sh = _columns(elements["sh"], names, path, np.uint8)
         higher = _channel_last(SH_VALUE[sh])
     import gsply  # imports numba, which takes a third of a second
 
+    # the one layout that gsply decodes
+    elements = {"chunk": (len(bounds), "float", _BOUNDS), "vertex": (len(packed), "uint", _PACKED)}
+    layout = ply_file.header(elements) + bounds.tobytes() + packed.astype("<u4").tobytes()
     with file.reading(path):
-        data = gsply.decompress_from_bytes(_layout(bounds, packed))
+        data = gsply.decompress_from_bytes(layout)
     opacity = file.sigmoid(data.opacities)
     arrays = data.means, data.scales, data.quats, opacity, data.sh0, higher
     scene = file.stored_scene(path, *arrays)
     return replace(scene, notes=ply_marks.unused(vertex.dtype.names, _PACKED))
 
 
-def _integers(table: np.ndarray, names: list[str], kind: type, where: object) -> np.ndarray:
-    """Properties of a structured array [N] by name, all of type `kind`, as [N, len(names)]."""
-    _columns(table[:0], names, where)
-    for name in names:
-        if table.dtype[name].newbyteorder("=") != np.dtype(kind):
-            raise input_error(where, f"property {name!r} is not {np.dtype(kind).name}")
-    columns = [np.asarray(table[name], kind) for name in names]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(table), 0), kind)
-
-
-def _layout(bounds: np.ndarray, packed: np.ndarray) -> bytes:
-    """The canonical compressed PLY of bounds [C, 18] and packed [N, 4]."""
-    lines = ["ply", "format binary_little_endian 1.0", f"element chunk {len(bounds)}"]
-    lines += [f"property float {name}" for name in _BOUNDS]
-    lines += [f"element vertex {len(packed)}"] + [f"property uint {name}" for name in _PACKED]
-    header = "\n".join([*lines, "end_header", ""]).encode()
-    return header + bounds.tobytes() + packed.astype("<u4").tobytes()
+def header(count: int, degree: int, comments: Iterable[str] = ()) -> tuple[bytes, int]:
+    """The header of a PLY of the original 3DGS, and the number of its float32 columns."""
+    rest = [f"f_rest_{k}" for k in range(3 * (sh_count(degree) - 1))]
+    names = [*_PLAIN[:3], "nx", "ny", "nz", *_DC, *rest, "opacity", *_PLAIN[3:10]]
+    return ply_file.header({"vertex": (count, "float", names)}, comments), len(names)
 
 
 def write_ply(path: str | os.PathLike, scene: Scene) -> None:
@@ -212,21 +214,11 @@ def write_ply(path: str | os.PathLike, scene: Scene) -> None:
     with np.errstate(divide="ignore"):
         log_scale = np.log(np.maximum(scene.scale, SCALE_MIN))
     rest = scene.sh[:, 1:].transpose(0, 2, 1).reshape(len(scene), -1)  # channel-major
-    groups = [
-        ("x y z", scene.position),
-        ("nx ny nz", np.zeros((len(scene), 3))),
-        ("f_dc_0 f_dc_1 f_dc_2", scene.sh[:, 0]),
-        (" ".join(f"f_rest_{i}" for i in range(rest.shape[1])), rest),
-        ("opacity", np.log(opacity / (1 - opacity))[:, None]),
-        ("scale_0 scale_1 scale_2", log_scale),
-        ("rot_0 rot_1 rot_2 rot_3", scene.quaternion),
-    ]
-    names = " ".join(names for names, _ in groups).split()
-    vertex = np.empty(len(scene), [(name, "<f4") for name in names])
+    logit, normals = np.log(opacity / (1 - opacity))[:, None], np.zeros((len(scene), 3))
+    parts = scene.position, normals, scene.sh[:, 0], rest, logit, log_scale, scene.quaternion
     with np.errstate(over="ignore"):
-        for name, column in zip(names, np.hstack([part for _, part in groups]).T, strict=True):
-            vertex[name] = column
-    comments = [ply_marks.COMMENT] if scene.antialiased else []
-    with file.reading(path, "cannot be written"):
-        element = PlyElement.describe(vertex, "vertex")
-        PlyData([element], byte_order="<", comments=comments).write(os.fspath(path))
+        table = np.hstack(parts).astype("<f4")
+    start, _ = header(len(scene), scene.sh_degree, [ply_marks.COMMENT] * scene.antialiased)
+    with file.reading(path, "cannot be written"), open(path, "wb") as opened:
+        opened.write(start)
+        opened.write(table)

@@ -7,7 +7,7 @@ Source: Greg Turk, "The PLY Polygon File Format" (1994).
 import mmap
 import os
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -54,6 +54,19 @@ class Element:
             else:
                 fields.append((name, order + kind))
         return np.dtype(fields)
+
+
+def header(
+    elements: Mapping[str, tuple[int, str, Iterable[str]]], comments: Iterable[str] = ()
+) -> bytes:
+    """The header of a binary little-endian file without lists.
+
+    elements: name → number of rows, type of all properties, their names
+    """
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in comments)]
+    for name, (count, kind, properties) in elements.items():
+        lines += [f"element {name} {count}", *(f"property {kind} {each}" for each in properties)]
+    return "\n".join([*lines, "end_header", ""]).encode()
 
 
 @dataclass(frozen=True)
@@ -126,20 +139,14 @@ def _parsed(lines: list[str], path: str | os.PathLike) -> tuple[str, list[Elemen
 def _add_property(element: Element, words: list[str], path: str | os.PathLike):
     """Add the property declared by the words after `property`."""
     *kinds, name = words or [""]
-    where = f"header: element {element.name!r}"
-    if kinds[:1] == ["list"]:
-        kinds = kinds[1:]
-        known = len(kinds) == 2 and all(kind in TYPES for kind in kinds)
-        kind = tuple(TYPES.get(kind, "") for kind in kinds)
-        known = known and kind[0] in LIST_COUNTS
-    else:
-        known = len(kinds) == 1 and kinds[0] in TYPES
-        kind = TYPES.get(kinds[0], "") if kinds else ""
-    if not known:
+    where, is_list = f"header: element {element.name!r}", kinds[:1] == ["list"]
+    types = tuple(TYPES.get(kind) for kind in kinds[is_list:])
+    known = len(types) == 1 + is_list and None not in types
+    if not known or (is_list and types[0] not in LIST_COUNTS):
         raise input_error(path, f"{where}: unknown property {' '.join(words)[:80]!r}")
     if name in element.properties:
         raise input_error(path, f"{where}: two properties are called {name!r}")
-    element.properties[name] = kind
+    element.properties[name] = types if is_list else types[0]
 
 
 def _binary_rows(
@@ -173,9 +180,7 @@ def _behind_lists(
         lengths, end = _row_end(data, start, element, order)
         row = element.row(order, lengths)
         last = start + element.count * row.itemsize
-        if last <= len(
-            data
-        ):  # all lists may be as long as the first row's, like those of triangles
+        if last <= len(data):  # all lists may be as long as the first row's, as with triangles
             table = np.frombuffer(data, row, element.count, start)
             counts = [name for name in row.names if name.startswith(COUNT)]
             if all((table[n] == k).all() for n, k in zip(counts, lengths, strict=True)):

@@ -7,7 +7,6 @@ up confuses RFD with RBU and LFD with LBU.
 """
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -44,7 +43,8 @@ def turned(scene: Scene, axes: str) -> Scene:
     to_ply = matrix(axes)
     order, sign = np.abs(to_ply).argmax(axis=1), to_ply.sum(axis=1)
     rotation = sign * np.linalg.det(to_ply).round()
-    swapped = any(order != range(3))  # z is up; otherwise no columns need to be copied
+    swapped = any(order != range(3))  # z is up; otherwise only signs change
+    turn = turn_of(to_ply, scene.sh_degree)
     position = scene.position[:, order] if swapped else scene.position
     quaternion = scene.quaternion[:, [0, *order + 1]] if swapped else scene.quaternion
     return replace(
@@ -52,17 +52,5 @@ def turned(scene: Scene, axes: str) -> Scene:
         position=position * sign,
         scale=scene.scale[:, order] if swapped else scene.scale,
         quaternion=quaternion * [1, *rotation],
-        sh=_turned_sh(scene.sh, axes, scene.sh_degree),
+        sh=turn @ scene.sh if swapped else scene.sh * np.diag(turn)[:, None],
     )
-
-
-def _turned_sh(sh: np.ndarray, axes: str, degree: int) -> np.ndarray:
-    """Convert coefficients [N, K, 3] to the axes of PLY."""
-    turn = _turn(axes, degree)
-    sign = np.diag(turn)
-    return sh * sign[:, None] if (np.abs(sign) == 1).all() else turn @ sh
-
-
-@cache
-def _turn(axes: str, degree: int) -> np.ndarray:
-    return turn_of(matrix(axes), degree)

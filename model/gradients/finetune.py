@@ -15,7 +15,7 @@ import torch
 from splatcore.model.formats.file import input_error, reading
 from splatcore.model.formats.photographs import Target
 from splatcore.model.gradients.differentiable import render
-from splatcore.model.gradients.trainable import Optimizers, Tensors, rendered
+from splatcore.model.gradients.trainable import Optimizers, Tensors, rendered, write_state
 from splatcore.spec.error import InputError
 
 Progress = Callable[[str, int, int, float | None], None]
@@ -48,10 +48,7 @@ class Unfinished:
             "step": step, "loss": loss, "tensors": self.tensors(optimizers),
             "moments": {name: each.state_dict()["state"] for name, each in optimizers.items()},
         }  # fmt: skip
-        part = self.path.with_suffix(".part")
-        with reading(self.path, "cannot be written"):
-            torch.save(state, part)
-            part.replace(self.path)
+        write_state(self.path, state)
 
     def load(self, optimizers: Optimizers) -> tuple[int, float | None]:
         """Restore the saved state; return the number of finished steps (0 without a file) and the

@@ -5,10 +5,12 @@ opacities (logits), sh0 [N, 1, 3] and shN [N, (degree+1)² − 1, 3].
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
 
+from splatcore.model.formats.file import reading
 from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN
 from splatcore.spec.scene import Scene
 
@@ -38,6 +40,14 @@ EPSILON = 1e-15  # Adam's, as in 3DGS
 
 Tensors = dict[str, torch.Tensor]
 Optimizers = dict[str, torch.optim.Adam]
+
+
+def write_state(path: Path, state: dict):
+    """Write a state of training to a file, entirely or not at all."""
+    part = path.with_suffix(".part")
+    with reading(path, "cannot be written"):
+        torch.save(state, part)
+        part.replace(path)
 
 
 def device() -> torch.device:

@@ -9,11 +9,13 @@ from splatcore.model.pack.codebook import Codebook
 from splatcore.model.pack.factor import largest_axis
 from splatcore.model.pack.steps import Steps
 from splatcore.spec import memory
+from splatcore.spec.coded import WITH_BEATS, image_of
 from splatcore.spec.colour import CHANNELS, LAYOUTS, Harmonics
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import HEADER, ModelFormat
-from splatcore.spec.packed import checksum
-from splatcore.spec.record import Record, pack_bits
+from splatcore.spec.model_header import ModelHeader
+from splatcore.spec.packed import checksum, harmonics_beats
+from splatcore.spec.record import Record
 from splatcore.spec.small import factor_codes
 
 
@@ -31,38 +33,32 @@ class Quantised:
     codebooks: tuple[Codebook, ...] = ()  # of colours and of slopes G
     antialiased: bool = False
 
-    @property
-    def beats(self) -> np.ndarray:
-        """Beats of harmonics [N] of each Gaussian."""
-        beats = np.array([layout.beats for layout in LAYOUTS])[self.steps.harmonics]
-        return np.repeat(beats, memory.CHUNK)[: len(self)]
-
     def __len__(self) -> int:
         return len(self.position)
 
 
-def lay_out(model: Quantised) -> np.ndarray:
-    """Make the image in DRAM, uint8."""
-    layout = model.format.layout(len(model), int(model.beats.sum()))
-    image = np.zeros(layout.end, np.uint8)
-
-    def put(start: int, data: np.ndarray):
-        image[start : start + data.size] = data.reshape(-1)
-
-    width = model.format.position_record["x"].width
-    put(layout.chunks, chunk_headers(model))
-    put(layout.positions, pack_bits(model.position.reshape(-1).astype(np.uint64), width))
-    put(layout.attributes, attributes(model))
-    places = (layout.colours, memory.COLOUR_ENTRY), (layout.sh, memory.SH_ENTRY)
-    for (start, record), codebook in zip(places, model.codebooks, strict=False):
-        put(start, entries(record, codebook))
-    put(layout.header, header(model, layout, check=0))
-    put(layout.header, header(model, layout, checksum(image)))
+def lay_out(model: Quantised, name: str) -> np.ndarray:
+    """Make the image in DRAM, uint8; `name`: of the scene, for error messages."""
+    layouts, positions = model.steps.harmonics, model.format.position_record
+    beats = harmonics_beats(layouts, len(model))
+    layout = model.format.layout(len(model), int(beats.sum()))
+    of = np.repeat(layouts, memory.CHUNK)[: len(model)]
+    books = model.codebooks or (None, None)
+    rows = [
+        chunk_headers(model),
+        positions.pack(dict(zip("xyz", model.position.T, strict=True))),
+        attributes(model),
+        *(harmonics(model.steps, LAYOUTS[k], np.flatnonzero(of == k)) for k in WITH_BEATS),
+        entries(memory.COLOUR_ENTRY, books[0]),
+        entries(memory.SH_ENTRY, books[1]),
+    ]
+    image = image_of(ModelHeader(header(model, layout, check=0), name), layouts, rows)
+    image[: HEADER.size] = header(model, layout, checksum(image))
     return image
 
 
 def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
-    """The model's header, uint8 [1, size]."""
+    """The model's header, uint8 [size]."""
     format = model.format
     stages = HEADER["colour_index"].length
     absolute = format.position == "absolute"
@@ -85,7 +81,8 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)
         codes[field] = np.array([bits + (0,) * (stages - len(bits))])
-    return HEADER.pack(codes | {"reserved": np.zeros((1, HEADER["reserved"].length), np.uint64)})
+    codes["reserved"] = np.zeros((1, HEADER["reserved"].length), np.uint64)
+    return HEADER.pack(codes)[0]
 
 
 def chunk_headers(model: Quantised) -> np.ndarray:
@@ -110,7 +107,7 @@ def chunk_headers(model: Quantised) -> np.ndarray:
 
 
 def attributes(model: Quantised) -> np.ndarray:
-    """Attribute records with beats of harmonics, uint8 [beats, 16]; [N, 8] for a small model."""
+    """Attribute records without harmonics, uint8 [N, 16]; [N, 8] for a small model."""
     record = model.format.stored_record
     if model.format.small:
         values = factor_codes(model.factor)
@@ -123,21 +120,11 @@ def attributes(model: Quantised) -> np.ndarray:
         values |= {f"{part}{stage}": index for stage, index in enumerate(codebook.index)}
     if "reserved" in dict(record.fields):
         values["reserved"] = np.zeros(len(model), np.uint64)
-    if model.format.small:
-        return record.pack(record.encode(values))
-    end = np.cumsum(1 + model.beats)
-    beats = np.zeros((end[-1] if len(end) else 0, record.size), np.uint8)
-    beats[end - 1 - model.beats] = record.pack(record.encode(values))
-    layouts = model.steps.harmonics
-    for number in np.unique(layouts):
-        chosen = np.flatnonzero(np.repeat(layouts, memory.CHUNK)[: len(model)] == number)
-        for k, codes in enumerate(harmonics(model.steps, LAYOUTS[number], chosen)):
-            beats[(end - model.beats)[chosen] + k] = codes
-    return beats
+    return record.pack(record.encode(values))
 
 
-def harmonics(steps: Steps, layout: Harmonics, chosen: np.ndarray) -> list[np.ndarray]:
-    """Beats of harmonics, each uint8 [M, 16], of the `chosen` Gaussians [M], all of one layout."""
+def harmonics(steps: Steps, layout: Harmonics, chosen: np.ndarray) -> np.ndarray:
+    """Beats of harmonics, uint8 [M, 16·beats], of the `chosen` Gaussians [M], all of one layout."""
     values = {"reserved": np.zeros(len(chosen), np.uint64)}
     for degree in range(1, layout.degree + 1):
         has = degree <= len(steps.codes)
@@ -149,14 +136,15 @@ def harmonics(steps: Steps, layout: Harmonics, chosen: np.ndarray) -> list[np.nd
         else:
             codes = np.zeros((len(chosen), len(term.polynomials), 3))
         values |= {f"{c}_{number}": codes[:, :, k] for k, c in enumerate(CHANNELS)}
-    records = layout.records
-    return [r.pack(r.encode({name: values[name] for name, _ in r.fields})) for r in records]
+    beats = [{name: values[name] for name, _ in record.fields} for record in layout.records]
+    packed = [r.pack(r.encode(beat)) for r, beat in zip(layout.records, beats, strict=True)]
+    return np.concatenate(packed, axis=1)
 
 
-def entries(record: Record, codebook: Codebook) -> np.ndarray:
+def entries(record: Record, codebook: Codebook | None) -> np.ndarray:
     """Entries of all stages, one stage after the other, uint8 [entries, size]."""
     (field, _), *_ = record.fields  # the other field is reserved
-    if not codebook.entries:
+    if codebook is None or not codebook.entries:
         return np.zeros((0, record.size), np.uint8)
     values = np.concatenate(codebook.entries)
     reserved = np.zeros(len(values), np.uint64)

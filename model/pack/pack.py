@@ -88,7 +88,7 @@ def pack(
     quantised = Quantised(
         format, chunks, position, factor, exponent, opacity, *colour, scene.antialiased
     )
-    model = PackedModel(lay_out(quantised), scene.name)
+    model = PackedModel(lay_out(quantised, scene.name), scene.name)
     counts = {
         "gaussians": len(scene),
         "not_finite": int((~finite).sum()),

@@ -1,6 +1,6 @@
 """Report on packing a scene: counts, sizes, errors, and notes about losses."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,9 +37,6 @@ class PackReport:
     sh_rms: list[float]  # per degree from 1, of the factors of its polynomials
     colour_error: float  # largest
     sh_error: list[float]  # largest, per degree from 1
-
-    def as_dict(self) -> dict:
-        return asdict(self)
 
     @property
     def notes(self) -> list[str]:

@@ -294,10 +294,3 @@ def test_rendered_parameters(scene):
 )  # fmt: skip
 def test_recipes_that_cannot_be(change, option):
     refused(f"^{option}: ", Recipe, **change)
-
-
-def test_targets_are_the_scene_itself(scene, targets):
-    assert targets[0].image.shape == (SIZE[1], SIZE[0], 3)
-    exact = reference(sound(scene).gaussians(), targets[0].camera).pixels
-    off = np.abs(exact.astype(int) - targets[0].image)
-    assert off.mean() < 0.01 and off.max() <= 2

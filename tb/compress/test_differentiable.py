@@ -1,5 +1,9 @@
-"""The differentiable renderer against a dense one in torch, finite differences, the reference."""
+"""The differentiable renderer against a dense one in torch, finite differences, the reference.
 
+The call of gsplat for a CUDA device is tested with a stand-in; gsplat's own pictures are not.
+"""
+
+import inspect
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +12,13 @@ import torch
 
 from splatcore.golden.reference import render as reference
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
-from splatcore.model.gradients.differentiable import render
+from splatcore.model.gradients.differentiable import _render_cuda, render
 from splatcore.model.gradients.drawn import blending_weights
-from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE
+from splatcore.spec.camera import Camera, look_at
+from splatcore.spec.convention import ALPHA_MIN, NEAR_PLANE, SPLATCORE
 from splatcore.spec.scene import Gaussians
 from tb.helpers.dense_splatting import PARAMETERS, dense_render
+from tb.helpers.scenes import random_scene
 from tb.helpers.splatting_scenes import CASES, loss, scene, tensors, view
 
 EXACT = 3e-8
@@ -248,3 +254,58 @@ def test_shift_may_be_left_out():
     del leaves["shift"]
     found = render(**leaves, camera=camera)
     assert torch.equal(found.image, render(**tensors(arrays), camera=camera).image)
+
+
+def stand_in(given: dict) -> tuple[torch.Tensor, torch.Tensor, dict]:
+    """gsplat.rasterization for one camera, not packed, with covariances instead of scales: it uses
+    all arguments, and renders with the CPU's kernels."""
+    assert given["quats"] is None and given["scales"] is None and not given["packed"]
+    assert (given["sh_degree"] + 1) ** 2 == given["colors"].shape[1]
+    assert given["near_plane"] == NEAR_PLANE
+    assert given["eps2d"] == SPLATCORE.covariance_blur
+    (view,), (intrinsics,) = given["viewmats"].numpy(), given["Ks"].numpy()
+    camera = Camera(
+        given["width"], given["height"], intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2],
+        intrinsics[1, 2], view[:3, :3], view[:3, 3],
+    )  # fmt: skip
+    count = len(given["means"])
+    means2d = torch.zeros((1, count, 2), dtype=torch.float64, requires_grad=True) * 1.0
+    factor = torch.linalg.cholesky(given["covars"])
+    drawn = render(
+        given["means"], factor, given["opacities"], given["colors"], camera, means2d[0],
+        antialiased=given["rasterize_mode"] == "antialiased",
+    )  # fmt: skip
+    radii = torch.zeros((1, count, 2), dtype=torch.int32)
+    radii[0, torch.as_tensor(drawn.visible)] = 3
+    found = {"means2d": means2d, "radii": radii}
+    return drawn.image[None], (1 - drawn.transmittance)[None, ..., None], found
+
+
+@pytest.mark.parametrize("degree, antialiased", [(0, False), (1, False), (1, True), (3, False)])
+def test_the_call_for_cuda(monkeypatch, degree, antialiased):
+    """Picture, transmittance, visible Gaussians and centres' gradients equal the CPU's."""
+    gsplat = pytest.importorskip("gsplat")
+    real = inspect.signature(gsplat.rasterization)
+
+    def rasterization(*arguments, **options):
+        call = real.bind(*arguments, **options)
+        call.apply_defaults()
+        return stand_in(call.arguments)
+
+    monkeypatch.setattr(gsplat, "rasterization", rasterization)
+    gaussians = random_scene(40, degree).gaussians()
+    camera = look_at(np.array([0.3, -1.0, -5.0]), np.zeros(3), 50, 40, 45.0)
+    arrays = (gaussians.position, gaussians.factor, gaussians.opacity, gaussians.sh)
+    tensors = [torch.tensor(array) for array in arrays]
+    wanted = np.random.default_rng(0).random((40, 50, 3))
+    found = []
+    for renderer in (render, _render_cuda):
+        centre = torch.zeros((1, 40, 2), dtype=torch.float64, requires_grad=True)
+        shift = centre[0]  # as in training: a view of the tensor that has the gradient
+        drawn = renderer(*tensors, camera, shift, antialiased)
+        (drawn.image * torch.tensor(wanted)).sum().backward()
+        picture = drawn.image.detach(), drawn.transmittance.detach()
+        found.append((*picture, np.sort(drawn.visible), centre.grad))
+    for cpu, cuda in zip(*found, strict=True):
+        assert np.allclose(cpu, cuda, rtol=1e-5, atol=1e-9)
+    assert found[0][3].abs().max() > 0

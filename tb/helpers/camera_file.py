@@ -43,29 +43,36 @@ def transforms() -> dict:
     return {"w": 640, "h": 480.0, "cx": 320.0, "cy": 240.0, **lens, "frames": frames}
 
 
-def colmap_text(model: str = "PINHOLE") -> dict[str, bytes]:
-    """cameras.txt and images.txt; the second image comes first, the first one has no points."""
+def colmap_text(model: str = "PINHOLE", *numbers: float) -> dict[str, bytes]:
+    """cameras.txt and images.txt; the second image comes first, the first one has no points.
+
+    numbers: parameters of both cameras (default: those of `EXPECTED`)
+    """
     cameras, images = "# comment\n", "# comment\n\n"
     for image, camera in reversed(list(zip((4, 7), EXPECTED, strict=True))):
-        focal = f"{camera.fx!r}" if model == "SIMPLE_PINHOLE" else f"{camera.fx!r} {camera.fy!r}"
-        cameras += f"{image} {model} 640 480 {focal} 320 240\n"
+        words = " ".join(map(repr, numbers or pinhole(camera, model == "SIMPLE_PINHOLE")))
+        cameras += f"{image} {model} 640 480 {words}\n"
         pose = " ".join(map(repr, [*wxyz(camera), *camera.translation.tolist()]))
         points = "1.5 2.5 -1 3.5 4.5 9" if image == 7 else ""
         images += f"{image} {pose} {image} view {image}.png\n{points}\n"
     return {"cameras.txt": cameras.encode(), "images.txt": images.encode()}
 
 
-def colmap_binary(model: int = 1) -> dict[str, bytes]:
+def colmap_binary(model: int = 1, *numbers: float) -> dict[str, bytes]:
     """cameras.bin and images.bin of the same cameras."""
     cameras, images = struct.pack("<Q", 2), struct.pack("<Q", 2)
     for image, camera in reversed(list(zip((4, 7), EXPECTED, strict=True))):
-        focal = [camera.fx] if model == 0 else [camera.fx, camera.fy]
-        cameras += struct.pack("<IiQQ", image, model, 640, 480)
-        cameras += struct.pack(f"<{len(focal) + 2}d", *focal, 320, 240)
+        values = numbers or pinhole(camera, model == 0)
+        cameras += struct.pack(f"<IiQQ{len(values)}d", image, model, 640, 480, *values)
         images += struct.pack("<I7dI", image, *wxyz(camera), *camera.translation, image)
         points = image - 4
         images += f"view {image}.png\0".encode() + struct.pack("<Q", points) + bytes(24 * points)
     return {"cameras.bin": cameras, "images.bin": images}
+
+
+def pinhole(camera: Camera, one_focal: bool) -> list[float]:
+    """A camera's focal lengths (or one of them) and principal point."""
+    return [camera.fx, *([] if one_focal else [camera.fy]), 320, 240]
 
 
 def wxyz(camera: Camera) -> list[float]:
@@ -95,14 +102,4 @@ def transforms_file(folder, value: dict, name: str = "transforms.json"):
 
 def lens(model: str, *numbers: float) -> dict[str, bytes]:
     """A binary COLMAP model whose cameras have these parameters."""
-    files, code = colmap_binary(), MODELS.index(model)
-    cameras = struct.pack("<Q", 2)
-    for camera in (4, 7):
-        cameras += struct.pack(f"<IiQQ{len(numbers)}d", camera, code, 640, 480, *numbers)
-    return files | {"cameras.bin": cameras}
-
-
-def text_lens(model: str, *numbers: float) -> dict[str, bytes]:
-    words = " ".join(map(repr, numbers))
-    lines = [f"{camera} {model} 640 480 {words}\n" for camera in (4, 7)]
-    return colmap_text() | {"cameras.txt": "".join(lines).encode()}
+    return colmap_binary(MODELS.index(model), *numbers)

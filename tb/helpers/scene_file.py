@@ -144,17 +144,18 @@ def spz_codes(version: int, count: int, degree: int, seed: int = 0) -> list[np.n
 
 
 def spz_bytes(
-    version: int, codes: list[np.ndarray], degree: int, fraction: int = 12, flags: int = 0
-) -> bytes:
-    """An SPZ file of the sections of `spz_codes`."""
+    version: int, codes: list[np.ndarray], degree: int, fraction: int = 12, flags: int = 0,
+    records: bytes = b"",
+) -> bytes:  # fmt: skip
+    """An SPZ file of the sections of `spz_codes`; records: of extensions."""
     sections = [code.tobytes() for code in codes if code.size]
     head = struct.pack("<4sIIBB", b"NGSP", version, len(codes[0]), degree, fraction)
     if version < 4:
-        return gzip.compress(head + bytes([flags, 0]) + b"".join(sections), mtime=0)
+        return gzip.compress(head + bytes([flags, 0]) + b"".join(sections) + records, mtime=0)
     streams = [zstandard.compress(section) for section in sections]
     toc = [struct.pack("<QQ", *map(len, pair)) for pair in zip(streams, sections, strict=True)]
-    head += struct.pack("<BBI12x", flags, len(streams), 32)
-    return head + b"".join(toc) + b"".join(streams)
+    head += struct.pack("<BBI12x", flags, len(streams), 32 + len(records))
+    return head + records + b"".join(toc) + b"".join(streams)
 
 
 def smallest_three(q: np.ndarray) -> np.ndarray:
@@ -181,11 +182,8 @@ def spz_of(scene: Scene, number: int | None = None) -> bytes:
     codes[4] = np.stack([smallest_three(q) for q in unit[:, [1, 2, 3, 0]]])
     rest = np.clip(np.rint(scene.sh[:, 1:] * 128 + 128), 0, 255).astype(np.uint8)
     codes[5] = rest.reshape(len(scene), -1)
-    data = spz_bytes(4, codes, scene.sh_degree, flags=2 if number else 0)
-    if not number:
-        return data
-    record = struct.pack("<III", 0xADBE0003, 4, number)
-    return data[:16] + struct.pack("<I", 32 + len(record)) + data[20:32] + record + data[32:]
+    record = struct.pack("<III", 0xADBE0003, 4, number) if number else b""
+    return spz_bytes(4, codes, scene.sh_degree, flags=2 if number else 0, records=record)
 
 
 def splat_bytes(count: int, seed: int = 0) -> bytes:

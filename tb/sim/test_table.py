@@ -16,7 +16,7 @@ class Part:
 
 def test_rows_are_dicts_or_objects(capsys):
     rows = [Part("a", 123456), {"part": "b [c]", "bytes": None, "loss": {"db": -1.25}}]
-    table = Table.of("parts", "title", COLUMNS, rows, (), frozenset([1]))
+    table = Table.of("parts", "title", COLUMNS, rows, frozenset([1]))
     assert table.rows == [["a", 123.456, 3, None], ["b [c]", None, 3, -1.25]]
     table.print()
     title, _, head, rule, first, line, last, *_ = capsys.readouterr().out.splitlines()

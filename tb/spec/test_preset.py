@@ -1,20 +1,30 @@
-"""Preset files: a written machine reads back equal, and errors name the file and the key."""
+"""Presets, built-in and from files: impossible values are refused with file and key; the memory
+layout derived from them, and one table of stages for all models."""
 
 import re
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from splatcore.eda.gates.machine_gates import PARTS
+from splatcore.hdl.stages import STAGES, WHOLE
 from splatcore.sim.common.preset_file import preset_text, write_preset
+from splatcore.sim.cycles.frame import Cycles
+from splatcore.spec import memory
 from splatcore.spec.config import DEFAULT, FORMATS, PAPER, PRESETS, TINY, Config
+from splatcore.spec.convention import ALPHA_MIN
+from splatcore.spec.counters import counters
 from splatcore.spec.energy import Energy
 from splatcore.spec.error import InputError
 from splatcore.spec.number import FP16, FP24, Float
 from splatcore.spec.preset import EXPONENT_BITS, FRACTION_BITS, check_buildable, find_preset
+from splatcore.spec.raster import power_table
+from splatcore.spec.stages import BLOCKS, HALVES, NAMES, OF_POINTS
 from tb.helpers.command import ROOT, run
+from tb.helpers.refusal import refused
 
 POWERS = (1, 2, 4, 8, 16)
 FIELDS = {
@@ -70,15 +80,12 @@ def write(path: Path, text: str) -> str:
     return str(path)
 
 
-def test_names_and_files(tmp_path):
-    assert find_preset("paper") is PAPER
+def test_files(tmp_path):
     path = write(tmp_path / "my machine.toml", "rasterizers = 2")
     assert find_preset(path) == replace(DEFAULT, name="my_machine", rasterizers=2)
     text = 'base = "tiny"\nname = "mine"\ndepth = "FP16"\nenergy = { supply = 1 }'
     path = write(tmp_path / "x", text)
     assert find_preset(path) == replace(TINY, name="mine", depth=FP16, energy=Energy(supply=1.0))
-    with pytest.raises(InputError, match=r"preset 'x': unknown; .*DEFAULT, PAPER, TINY"):
-        find_preset("x")
 
 
 @pytest.mark.parametrize(
@@ -136,8 +143,7 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for path, error in ((tmp_path, "directory"), (tmp_path / "bytes.toml", "is not UTF-8 text"),
                         (tmp_path / "none.toml", "No such file")):  # fmt: skip
-        with pytest.raises(InputError, match=rf"{path}: .*{error}"):
-            find_preset(str(path))
+        refused(rf"{path}: .*{error}", find_preset, str(path))
 
 
 def test_commands_take_files(tmp_path, capsys):
@@ -155,3 +161,78 @@ def test_there_is_one_way_to_find_a_preset():
         path for room in ("sim", "eda", "study", "app") for path in (ROOT / room).rglob("*.py")
     ):
         assert not re.search(r"\bPRESETS(\[|\.get)", path.read_text()), path.name
+
+
+def test_names():
+    assert [config.name for config in PRESETS.values()] == list(PRESETS)
+    assert find_preset("paper") is PAPER
+    refused(r"preset 'x': unknown; .*DEFAULT, PAPER, TINY", find_preset, "x")
+
+
+def test_frozen_and_hashable():
+    with pytest.raises(FrozenInstanceError):
+        DEFAULT.rasterizers = 3
+    assert len({DEFAULT, PAPER, TINY, replace(DEFAULT)}) == 3
+
+
+@pytest.mark.parametrize(
+    "field, value",
+    [("rasterizers", 3), ("width_max", 0), ("sub_sorter_entries", 1024), ("sort_digits", (3, 4)),
+     ("sh_degree", 4), ("group", -1), ("burst", 1), ("sh_index", ((),))],
+)  # fmt: skip
+def test_impossible_values_are_refused_by_name(field, value):
+    refused(rf"preset DEFAULT: {field} ", replace, DEFAULT, **{field: value})
+
+
+def test_the_papers_choices():
+    assert PAPER.arithmetic == FP16 and PAPER.depth.width == PAPER.sort_key_bits == 15
+    assert PAPER.position == "absolute" and PAPER.tile_test == "3sigma"
+    assert (PAPER.sub_sorters, PAPER.sub_sorter_entries) == (4, 256)
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=lambda config: config.name)
+def test_memory(config):
+    for degree in memory.compact_degrees(config):
+        format = memory.model_format(config, degree)
+        assert format.codebook_bytes <= min(memory.CODEBOOK_MAX, 8 * 1024)
+        assert format.attribute_record.width == memory.ATTRIBUTE_BITS
+
+
+def test_records_fill_their_words():
+    assert (memory.HEADER.width, memory.CHUNK_HEADER.width) == (512, 256)
+    assert (memory.COLOUR_ENTRY.width, memory.SH_ENTRY.width) == (64, 128)
+
+
+@pytest.mark.parametrize("count", [0, 1, 255, 256, 257, 100_000])
+def test_layout_is_in_order_and_aligned(count):
+    layout = memory.model_format(DEFAULT, 1).layout(count)
+    places = [getattr(layout, name) for name in layout.__dataclass_fields__]
+    assert places == sorted(places) and all(place % memory.ALIGNMENT == 0 for place in places)
+    assert layout.attributes - layout.positions >= count * 45 / 8
+    assert layout.colours - layout.attributes >= 16 * count
+
+
+def test_every_visible_opacity_has_a_code():
+    assert memory.OPACITY.decode(memory.OPACITY.encode(0.0)) == 0
+    assert 2.0**-memory.OPACITY.max > ALPHA_MIN  # kept Gaussians can reach alpha 1/255
+
+
+def test_stage_names_agree():
+    """Hardware, cycle model, counters and synthesis parts have the stages of one table."""
+    blocks = [block for half in BLOCKS.values() for block in half]
+    assert [*OF_POINTS, *blocks] == list(STAGES) and [*blocks, "control"] == list(WHOLE)
+    assert [field.name for field in fields(Cycles)] == [*NAMES, *HALVES]
+    named = [(half, *BLOCKS[half]) for half in HALVES]
+    assert list(counters(DEFAULT)) == [name for names in named for name in names]
+    assert {part.stage for part in PARTS} == {f"stage {k}" for k in range(4)} | {
+        "binning", "control",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("bits", range(4, 13))
+def test_powers_fit(bits):
+    """For all mantissa and step widths, each table entry has its leading bit and is below 1."""
+    for steps in range(3, 9):
+        table = power_table(replace(DEFAULT, power_mantissa=bits, power_fraction=steps))
+        assert len(table) == 1 << steps and list(table) == sorted(table)
+        assert 1 << bits - 1 <= table[0] and table[-1] < 1 << bits
