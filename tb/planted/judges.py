@@ -15,6 +15,7 @@ DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
+MASTER = "tb/hdl/test_axi.py tb/hdl/test_proofs.py -k '(axi and not lite) and not fault'"
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
 QUICK = {
@@ -34,12 +35,12 @@ QUICK = {
     "lib/holds": "tb/hdl/test_holds.py",
     "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
     "lib/stream": "tb/hdl/test_stream.py",
-    "memory/axi": "tb/hdl/test_axi.py",
-    "memory/bus": "tb/hdl/test_axi.py",
+    "memory/axi": MASTER,
+    "memory/bus": MASTER,
     "memory/fetch": "tb/hdl/test_fetch.py",
     "memory/share": "tb/hdl/test_groups.py",
     "memory/store": "",
-    "memory/turns": "tb/hdl/test_axi.py",
+    "memory/turns": MASTER,
     "memory/words": "tb/hdl/test_words.py",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points": STAGE.format("project"),
@@ -64,7 +65,8 @@ QUICK = {
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
     "raster/render": "",
     "raster/setup": "tb/hdl/test_raster.py -k 'tiles or other_end'",
-    "registers": "tb/hdl/test_axi.py -k registers",
+    "registers": "tb/hdl/test_axi.py tb/hdl/test_proofs.py "
+    "-k '(registers or axi_lite or host) and not fault'",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
     "sorting/cascade": "tb/hdl/test_cascade.py",
     "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
