@@ -1,17 +1,14 @@
-"""Binning: the golden model against exact tiles and its linked lists; hardware against golden."""
+"""Binning: the golden model against exact tiles and its linked lists; hardware against golden.
+`tb.formal.list_writer` proves the order of entries, their pace, and missing pages."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from splatcore.golden.bin import Binned, features, write_lists
+from splatcore.golden.bin import Binned, features
 from splatcore.golden.reference import project
-from splatcore.hdl.binning.list_writer import ListWriter
 from splatcore.model.generate.hard import HARD
-from splatcore.sim.rtl.streams import Simulation
-from splatcore.spec import binning
-from splatcore.spec.binning import bin_entry_record, burst_record, group_record, groups_max
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, TILE
@@ -245,51 +242,3 @@ def test_queues_and_buffers_fill_and_run_empty():
     counts = np.concatenate([result.lists.count for result in results])
     slots = (counts[counts > 0] - 1) % (TINY.page - 1) + 1  # a page's last slot is no entry
     assert set(slots % TINY.burst) == set(range(TINY.burst))
-
-
-@pytest.mark.slow
-def test_one_entry_per_cycle():
-    """For any order of groups; `finish` comes so early that one lost cycle would lose entries."""
-    rng, count, groups = np.random.default_rng(0), 3000, groups_max(TINY)
-    record, lists = bin_entry_record(TINY), Simulation(ListWriter(TINY))
-    for choice in (np.zeros(count, int), rng.integers(0, groups, count), np.arange(count) // 3 % 4):
-        entry = entry_record(TINY).unpack(
-            rng.integers(0, 8, (count, entry_record(TINY).size), np.uint8)
-        )
-        rows = record.pack({"group": choice.astype(np.uint64), "entry": entry})
-        finish = np.arange(count + 2 * groups + 10) >= count + groups + 2
-        run = lists.run(
-            {"i": rows}, expected={"groups": groups},
-            constants={"groups_count": groups, "pages": 1 << 16, "finish": finish},
-        )  # fmt: skip
-        assert run.finished and run.cycles < count + 2 * groups + 10
-        counts = group_record().unpack(run.outputs["groups"])["count"]
-        assert (counts == np.bincount(choice, minlength=groups)).all()
-        slot = np.zeros((count, 8), np.uint8)
-        slot[:, : entry_record(TINY).size] = entry_record(TINY).pack(entry)
-        golden = write_lists(TINY, choice, slot.view("<u8")[:, 0], groups, 1 << 16)
-        bursts = {"address": golden.address.astype(np.uint64), "slots": golden.slots}
-        assert (run.outputs["bursts"] == burst_record(TINY).pack(bursts)).all()
-
-
-@pytest.mark.slow
-def test_too_few_pages(monkeypatch):
-    """`exceeded` reports missing pages, even if all page numbers exist and `needed` saturates; in
-    the next frame, without entries, both are 0."""
-    bits, groups, room = 3, groups_max(TINY), 100
-    monkeypatch.setattr(binning, "PAGE_BITS", bits)
-    most = (1 << bits) - 1
-    simulation = Simulation(ListWriter(TINY), samples=("needed", "exceeded", "done"))
-    for pages in (0, 1, most - 1, most):
-        for wanted in sorted({1, pages, pages + 1, most, most + 1, most + 9} - {0}):
-            entries = wanted * (TINY.page - 1)  # without a page's last slot; all of one group
-            finish = np.repeat([0, 1, 0, 1], [groups + entries, room, 2, room]).astype(np.uint64)
-            run = simulation.run(
-                {"i": np.zeros((entries, bin_entry_record(TINY).size), np.uint8)},
-                constants={"groups_count": groups, "pages": pages, "finish": finish},
-                cycles_max=len(finish), idle_max=len(finish),
-            )  # fmt: skip
-            for end, needed in ((-room - 3, wanted), (-1, 0)):
-                assert run.samples["done"][end]
-                assert run.samples["needed"][end] == min(needed, most)
-                assert run.samples["exceeded"][end] == (needed > pages), (wanted, pages)

@@ -116,6 +116,8 @@ def random_rays(config: Config, rng: np.random.Generator, count: int) -> dict[st
     way = np.ldexp(way, scale[:, None])
     way = np.where((kind == 5)[:, None], np.ldexp(way, rng.integers(-66, 66, (count, 3))), way)
     way[rng.random(count) < 0.01] = 0
+    if config.arithmetic.overflow == "infinity":  # infinity times a slope of 0 is no number
+        way = np.copysign(np.clip(np.abs(way), 2.0**-6, 2.0**6), way)
     return {f"ray_{a}": config.arithmetic.round(way[:, k]) for k, a in enumerate("xyz")}
 
 
