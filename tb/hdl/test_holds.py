@@ -17,6 +17,7 @@ from splatcore.hdl.raster.features import Features
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.sim.rtl.streams import Simulation, SimulationError
+from splatcore.spec.axi import BURST_BEATS
 from splatcore.spec.config import TINY
 from tb.helpers.runs import compiled
 
@@ -135,3 +136,8 @@ def test_enough():
     enough(3, 3, "rows")
     with pytest.raises(ValueError, match="rows: 2, 3 are needed"):
         enough(2, 3, "rows")
+
+
+def test_depth_below_a_burst():
+    with pytest.raises(ValueError, match="below a burst"):
+        Fetch(TINY, BURST_BEATS - 1, 8)

@@ -15,30 +15,32 @@ DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
-MASTER = "tb/hdl/test_axi.py tb/hdl/test_proofs.py -k '(axi and not lite) and not fault'"
+MASTER = (
+    "tb/hdl/test_axi.py tb/hdl/test_proofs.py -k 'axi and not lite and not registers and not fault'"
+)
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
 QUICK = {
     "": "",
     "arithmetic": "tb/hdl/test_float.py -k 'every_pair or every_triple or enable or conversions'",
-    "arithmetic/convert": "tb/hdl/test_float.py tb/hdl/test_scale.py",
+    "arithmetic/convert": "tb/hdl/test_float.py",
     "arithmetic/minmax": "tb/hdl/test_float.py -k clamp",
     "arithmetic/unary": "tb/hdl/test_unary.py -k rtl",
     "arithmetic/unary_ends": "tb/hdl/test_unary.py -k rtl",
     "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or buffers'",
     "binning/binned": "",
     "binning/list_writer": "tb/hdl/test_proofs.py -k 'list_writer and not fault'",
-    "binning/row_end": "tb/hdl/test_row_end.py",
+    "binning/row_end": "tb/hdl/test_bin.py -k row_end",
     "frame": "tb/hdl/test_frame.py tb/hdl/test_proofs.py -k 'frame and not fault'",
-    "lib/counters": "tb/hdl/test_counters.py",
+    "lib/counters": "tb/hdl/test_lib.py -k 'counted or counters'",
     "lib/credit": "tb/hdl/test_proofs.py tb/hdl/test_holds.py -k '(credit or holds) and not fault'",
-    "lib/latency": "tb/hdl/test_scale.py -k one_side",
+    "lib/latency": "tb/hdl/test_float.py -k one_side",
     "lib/holds": "tb/hdl/test_holds.py",
     "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
     "lib/stream": "tb/hdl/test_stream.py",
     "memory/axi": MASTER,
     "memory/bus": MASTER,
-    "memory/fetch": "tb/hdl/test_fetch.py",
+    "memory/fetch": "tb/hdl/test_model_reader.py -k 'models or positions'",
     "memory/share": "tb/hdl/test_groups.py",
     "memory/store": "",
     "memory/turns": MASTER,
@@ -67,9 +69,11 @@ QUICK = {
     "registers": "tb/hdl/test_axi.py tb/hdl/test_proofs.py "
     "-k '(registers or axi_lite or host) and not fault'",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
-    "sorting/cascade": "tb/hdl/test_cascade.py",
+    "sorting/cascade": "tb/hdl/test_subsort.py -k 'not trees and not two'",
+    "sorting/sorter": "tb/hdl/test_proofs.py -k 'sorter and not fault'",
     "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
-    "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
+    "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_proofs.py "
+    "-k 'trees or two_cycles or (proved and subsort)'",
 }
 """Quick tests of a file or of a folder's files, as arguments of pytest; "" for none."""
 
