@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 
 import numpy as np
@@ -41,12 +41,6 @@ class Case:
     constants: Mapping = field(default_factory=dict)
     care: Rows = field(default_factory=dict)
     first: Sequence[str] = ()
-
-    def twice(self) -> "Case":
-        """The same rows again, to see that the first frame leaves no state for the second."""
-        parts = (self.inputs, self.expected, self.care)
-        inputs, expected, care = ({k: np.tile(v, (2, 1)) for k, v in p.items()} for p in parts)
-        return replace(self, inputs=inputs, expected=expected, care=care)
 
     def check(self, simulation: Simulation, label: str = "", **options) -> Result:
         """Run a component and check that its output rows are exactly the expected ones.

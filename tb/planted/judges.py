@@ -45,7 +45,7 @@ QUICK = {
     "memory/store": "",
     "memory/turns": MASTER,
     "memory/words": "tb/hdl/test_words.py",
-    "memory/write_combiner": "tb/hdl/test_write_combiner.py",
+    "memory/write_combiner": "",
     "points": STAGE.format("project"),
     "points/array": STAGE.format("cull or place or project"),
     "points/check": "tb/hdl/test_check.py",
