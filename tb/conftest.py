@@ -12,7 +12,7 @@ LONGEST = (
     "study/test_fit", "machine/test_machine_default", "app/test_command", "hdl/test_bin",
     "study/test_quality", "hdl/test_subsort", "hdl/test_model_reader", "machine/test_machine_steps",
     "sim/test_cycles", "hdl/test_float", "hdl/test_unary",
-    "hdl/test_axi", "model/test_surround", "golden/test_pipeline",
+    "hdl/test_memory", "model/test_surround", "golden/test_pipeline",
     "eda/test_silicon", "eda/test_fpga", "hdl/test_pixels",
 )  # fmt: skip
 """Test files that take 20 seconds or more, the slowest first."""

@@ -80,7 +80,8 @@ def test_no_tile_is_missing(name, kind):
     config = MACHINES[name]
     for smaller in (0, 11):
         size = (config.width_max - smaller, config.height_max - 2 * smaller)
-        count = 500 if kind in ("huge", "vast") else 2000  # they touch thousands of tiles each
+        count = 1000 if config.tile_test == "3sigma" else 2000
+        count = 500 if kind in ("huge", "vast") else count  # they touch thousands of tiles each
         frame = Frame(splats(config, kind, count, size, seed=smaller), *size)
         found = bin_frame(config, frame)
         exact, missing = compare_tiles(config, frame, found)
