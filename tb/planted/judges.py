@@ -16,7 +16,8 @@ WIDE = "tb/machine/test_wide_addresses.py"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 MASTER = (
-    "tb/hdl/test_axi.py tb/hdl/test_proofs.py -k 'axi and not lite and not registers and not fault'"
+    "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
+    "-k 'every_cycle or comes_first or patient or (proved and axi_master)'"
 )
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
