@@ -182,14 +182,6 @@ def test_few_blocks():
 
 
 @pytest.mark.slow
-def test_blocks_end_with_the_group():
-    """Pixels ended by the last splat of a group are live again in the next group."""
-    lists = opaque(TINY, (64, 64), chosen=np.tile(np.arange(4), 4))
-    for seed, stall in enumerate((0, 0.2, 0.5)):
-        lists.run(stall=stall, seed=seed)
-
-
-@pytest.mark.slow
 def test_stop():
     """Once all pixels have ended, no tile is live, and later splats change nothing."""
     run = opaque(TINY, (32, 32), each=600).run()
