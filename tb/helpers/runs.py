@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from amaranth.lib import wiring
 
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.counters import COUNTER_BITS
-from tb.helpers.parts import Variants
+from tb.planted.fault import each, plant
 
 Rows = dict[str, np.ndarray]
 
@@ -85,24 +85,22 @@ def counters(names: Iterable[str], bits: int) -> dict[str, int]:
 def faults_are_found(
     make: Callable[[], wiring.Component],
     faults: Mapping[str, tuple],
-    check: Callable[[Simulation, int], None],
+    check: Callable[[Simulation], None],
 ) -> Callable:
     """Make a test function: the runs must pass without a fault and fail with each fault.
 
-    faults: for `Variants`, by name
-    check: runs a simulation of the variants with a number for the port `fault` (0: no fault); an
-        assertion fails if it detects the fault
+    faults: by name, as in `tb.planted.fault.planted_in`
+    check: runs a simulation; an assertion fails if it detects a fault
     """
-    variants = cache(lambda: Simulation(Variants(make, faults.values())))
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("fault", [None, *faults])
-    def test(fault):
-        run = partial(check, variants())
+    @pytest.mark.parametrize("fault", [None, *each(faults)])
+    def test(fault, monkeypatch):
         if fault is None:
-            run(0)
+            check(Simulation(make()))
         else:
+            plant(monkeypatch, *faults[fault])
             with pytest.raises(AssertionError):
-                run(1 + list(faults).index(fault))
+                check(Simulation(make()))
 
     return test

@@ -72,7 +72,7 @@ QUICK = {
     "registers": "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
     "-k 'registers or (proved and (axi_lite or host))'",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
-    "sorting/cascade": "tb/hdl/test_subsort.py -k 'not trees and not two'",
+    "sorting/cascade": "tb/hdl/test_subsort.py -k 'cascade or one_entry'",
     "sorting/sorter": "tb/hdl/test_proofs.py -k 'sorter and not fault'",
     "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
     "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_proofs.py "
