@@ -94,18 +94,12 @@ def compact(config: Config, degree: int, exponents, seed: int, draw=any_bytes) -
 @pytest.mark.slow
 @pytest.mark.parametrize("exponent", EXPONENTS)
 @pytest.mark.parametrize("degree", DEGREES)
-def test_models_in_steps(degree, exponent):
-    """Each layout alone, and all in one model; random codes, and codes at the ends of the range."""
+def test_models(degree, exponent):
+    """In steps: each layout alone, and all in one model; compact ones. Random codes, and codes at
+    the ends of the range."""
     for draw in (any_bytes, few_bits):
         for seed, layouts in enumerate([*ALONE, MIXED]):
             check(MACHINES[degree], steps(DEFAULT, layouts, exponent, seed, draw), seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("exponent", EXPONENTS)
-@pytest.mark.parametrize("degree", DEGREES)
-def test_compact_models(degree, exponent):
-    for draw in (any_bytes, few_bits):
         for of_model in range(min(degree, 1) + 1):
             check(MACHINES[degree], compact(DEFAULT, of_model, exponent, of_model, draw), degree)
 
