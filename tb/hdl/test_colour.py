@@ -3,6 +3,7 @@ array itself; codebooks against the packed model."""
 
 import gc
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.memory import COMPONENT, SLOPE, compact_degrees, model_format, step_format
 from splatcore.spec.microprogram import projection
+from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import COLOURS, SLOPES
 from splatcore.spec.schedule import schedule
@@ -79,9 +81,11 @@ def check(config: Config, model: PackedModel, seed: int, stall: float = 0.0) -> 
     return result.cycles / len(case.expected["o"])
 
 
-def steps(config: Config, layouts, exponent: str, seed: int, draw=any_bytes) -> PackedModel:
+def steps(
+    config: Config, layouts, exponent: str, seed: int, draw=any_bytes, antialiased: bool = False
+) -> PackedModel:
     format, rng = step_format(config, 3), np.random.default_rng(seed)
-    return random_model(format, layouts, EXPONENTS[exponent], rng, draw, LAST)
+    return random_model(format, layouts, EXPONENTS[exponent], rng, draw, LAST, antialiased)
 
 
 def compact(config: Config, degree: int, exponents, seed: int, draw=any_bytes) -> PackedModel:
@@ -123,6 +127,22 @@ def test_other_machines(name):
         check(config, steps(config, MIXED, "usual", 1), 1, stall)
         for degree in (0, 1):
             check(config, compact(config, degree, "usual", degree), degree, stall)
+
+
+COMPENSATING = {
+    "default": MACHINES[3],
+    "narrow": replace(DEFAULT, arithmetic=Float(6, 9, subnormal=False)),
+    "wide": replace(DEFAULT, arithmetic=Float(8, 17, subnormal=False)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMPENSATING)
+def test_compensated_opacities(name):
+    """Of Gaussians of any shape and size, at any place."""
+    config = COMPENSATING[name]
+    for seed, (draw, stall) in enumerate(product((any_bytes, few_bits), (0, 0.4))):
+        check(config, steps(config, MIXED, "usual", seed, draw, antialiased=True), seed, stall)
 
 
 @pytest.mark.slow

@@ -56,6 +56,7 @@ def random_model(
     rng: np.random.Generator,
     draw: Draw = any_bytes,
     last: int = CHUNK,
+    antialiased: bool = False,
 ) -> PackedModel:
     """A model with random attributes, codebooks and steps.
 
@@ -79,7 +80,8 @@ def random_model(
         name: np.array([value], np.uint64)
         for name, value in {
             "magic": MAGIC,
-            "version": VERSIONS[0],
+            "version": VERSIONS[antialiased],
+            "antialiased": antialiased,
             "sh_degree": format.sh_degree,
             "position": POSITION_FORMATS.index(format.position),
             "small": format.small,
@@ -125,7 +127,7 @@ def project_case(
     config: Config, model: PackedModel, rng: np.random.Generator, kept: float = 0.8
 ) -> Case:
     """The projection of points with a model's attributes, but random coordinates and rays."""
-    frame = frame_constants(config, generated_camera("garden"), 0, 0)
+    frame = frame_constants(config, generated_camera("garden"), 0, 0, model.antialiased)
     index = np.arange(len(model))
     last = (index % CHUNK == CHUNK - 1) | (index == len(model) - 1)
     keep = rng.random(len(model)) < kept
