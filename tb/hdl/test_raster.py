@@ -21,16 +21,10 @@ from splatcore.spec.convention import COVARIANCE_BLUR
 from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION
 from splatcore.spec.frame import POWER_SCALE
 from splatcore.spec.group import group_grid
-from splatcore.spec.raster import (
-    block_count,
-    curvature_formats,
-    featured_record,
-    nth_block,
-    readied_record,
-)
+from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from splatcore.study.accuracy.points import with_width
 from tb.helpers.bounds import RULE
-from tb.helpers.configs import MACHINES, machines, other_port
+from tb.helpers.configs import MACHINES
 from tb.helpers.machines import NEEDLES, long_needles
 from tb.helpers.runs import Case, compiled
 from tb.helpers.scene_frames import parameters
@@ -46,9 +40,6 @@ from tb.stages.raster import (
 )
 
 ONE, FEW = MACHINES["SINGLE"], MACHINES["FEW"]
-
-ORDERED = [*machines("DEFAULT TINY EIGHT SIXTEEN").values(), other_port(DEFAULT)]
-"""Machines that write blocks in different orders."""
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
@@ -128,12 +119,6 @@ def test_groups_without_splats():
     bytes_ = [full * code / 2 ** (TINY.weight + TINY.colour_fraction - 8) for code in background]
     expected = [min(round(byte), 255) for byte in bytes_]
     assert np.unique(run.golden.pixels.reshape(-1, 3), axis=0).tolist() == [expected]
-
-
-@pytest.mark.parametrize("config", ORDERED, ids=lambda config: config.name)
-def test_every_block_leaves_once(config):
-    order = [nth_block(config, number) for number in range(block_count(config))]
-    assert sorted(order) == list(range(len(order)))
 
 
 @pytest.mark.slow

@@ -63,6 +63,7 @@ QUICK = {
     **{f"points/{name}": STAGE.format(name) for name in PARTS},
     "raster": BLENDED,
     "raster/features": "tb/hdl/test_stream.py -k unrequested",
+    "raster/finished": "tb/hdl/test_finished.py",
     "raster/groups": "tb/hdl/test_groups.py",
     "raster/list_reader": "",
     "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
