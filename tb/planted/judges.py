@@ -48,7 +48,7 @@ QUICK = {
     "memory/store": "",
     "memory/turns": MASTER,
     "memory/words": "tb/hdl/test_memory.py -k 'bursts or neighbours or kept'",
-    "memory/write_combiner": "tb/hdl/test_binned.py",
+    "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points": STAGE.format("project"),
     "points/array": STAGE.format("cull or place or project"),
     "points/check": "tb/hdl/test_check.py",
