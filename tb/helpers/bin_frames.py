@@ -181,7 +181,7 @@ def read_lists(config: Config, lists: Lists) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """What splats [N] touch: ellipses, or squares if they have a radius.
+    """Shapes of splats [N]: ellipses, or squares if they have a radius.
 
     centre: [N, 2], pixels
     conic, reach: [N, 3] A, B, C and [N] of Q = A·x² + 2·B·x·y + C·y² ≤ reach around the centre
