@@ -6,8 +6,15 @@ from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal, Value
 
 from splatcore.hdl.memory.axi import ERROR, HALVES, Axi
 from splatcore.spec import axi as spec
-from tb.formal.axi_bursts import CHANNEL_DEPTH, addresses, allowed, at_most_one, works_for
-from tb.formal.axi_rules import InOrder, passes
+from tb.formal.axi_rules import (
+    CHANNEL_DEPTH,
+    InOrder,
+    addresses,
+    allowed,
+    at_most_one,
+    passes,
+    works_for,
+)
 
 
 def asked(m: Module, part: Axi) -> InOrder:

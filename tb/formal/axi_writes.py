@@ -4,8 +4,15 @@ from amaranth.hdl import Array, Assert, Assume, Cat, Cover, Module, Mux, Signal,
 
 from splatcore.hdl.memory.axi import ERROR, Axi, write_data
 from splatcore.spec import axi as spec
-from tb.formal.axi_bursts import CHANNEL_DEPTH, addresses, allowed, at_most_one
-from tb.formal.axi_rules import InOrder, channel, passes
+from tb.formal.axi_rules import (
+    CHANNEL_DEPTH,
+    InOrder,
+    addresses,
+    allowed,
+    at_most_one,
+    channel,
+    passes,
+)
 
 UNSENT = CHANNEL_DEPTH
 """Maximum number of bursts begun whose address or last beat has not passed the port: the master

@@ -1,17 +1,15 @@
-"""Properties to prove of credits, and of the parts that push into a queue on credit."""
+"""Properties to prove of credits, and of a part that pushes into a queue on credit."""
 
-from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Module, Mux, Signal, Value
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
 
 from splatcore.hdl.lib.credit import Credit
-from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.stream import passes
 from splatcore.hdl.memory.fetch import Fetch
 from splatcore.spec.config import TINY
 from tb.formal.axi_rules import Around, within
 from tb.formal.proof import side_by_side
-from tb.formal.stream import WIDTH, Followed, WatchedQueue, in_rows
 from tb.planted.fault import planted_in
 
 
@@ -51,76 +49,6 @@ class Given(wiring.Component):
         m.d.sync += full.eq(full | out.all())
         m.d.comb += [Cover(full & ~out.any()), Cover(out.all() & takes.any() & back.any())]
         return m
-
-
-class Credited(wiring.Component):
-    """A datapath that never stalls, with a queue behind it, as in project and rows.
-
-    Members
-        i, o: streams of `WIDTH` bits; an item enters if the queue has room for it in addition to
-            the items queued and in flight
-        credit, queue, valid, data: for proofs
-
-    **Timing**: latency of the datapath, plus 1 for the queue (2 in memory).
-    """
-
-    def __init__(self, depth: int, latency: int, memory: bool = False):
-        super().__init__({"i": In(stream.Signature(WIDTH)), "o": Out(stream.Signature(WIDTH))})
-        self.credit = Credit(depth, "items in the queue or in flight to it")
-        self.queue = WatchedQueue(depth, memory)
-        self.valid = Signal(latency)
-        self.data = [Signal(WIDTH, name=f"data{k}", reset_less=True) for k in range(latency)]
-
-    def elaborate(self, platform) -> Module:
-        m = Module()
-        m.submodules.credit, m.submodules.queue = credit, queue = self.credit, self.queue
-        connect(m, queue.o, flipped(self.o))
-        m.d.comb += [
-            self.i.ready.eq(credit.room),
-            credit.comes.eq(passes(self.i)),
-            credit.goes.eq(passes(self.o)),
-            queue.i.valid.eq(self.valid[-1]),
-            queue.i.payload.eq(self.data[-1]),
-        ]
-        never_waits(m, "queue", queue.i, "an item that has entered")
-        m.d.sync += self.valid.eq(Cat(passes(self.i), self.valid))
-        for before, after in zip([self.i.payload, *self.data], self.data, strict=False):
-            m.d.sync += after.eq(before)
-        return m
-
-
-def credited(depth: int, latency: int, memory: bool = False) -> Followed:
-    """Return the proof that no item is lost or waits for ever: the assertions of `Followed`, and
-    that the queue has room for every push."""
-    part = Credited(depth, latency, memory)
-    return Followed(part, in_credited, latency + 1 + memory, capacity=depth)
-
-
-def in_credited(proof: Followed, m: Module, picked: Value) -> None:
-    """Why: every item inside is in a stage or in the queue, the followed one too."""
-    part, queue = proof.inner, proof.inner.queue
-    stages = Signal(part.valid.shape())  # one-hot: stage of the followed item
-    m.d.sync += stages.eq(Cat(picked, stages))
-    content = in_rows(m, queue, proof.ahead)
-    waits = proof.followed & ~stages.any() & ~(queue.memory & queue.o.valid & (proof.ahead == 0))
-    m.d.comb += [
-        Assert(proof.inside == part.credit.count),
-        Assert(proof.inside == queue.level + sum(part.valid)),
-        Assert(proof.followed | ~stages.any()),
-        Assert((stages & (stages - 1)) == 0),
-        Assert(~proof.followed | stages.any() | (proof.ahead < queue.level)),
-        Assert(~waits | (content == proof.value)),
-    ]
-    for k, data in enumerate(part.data):
-        ahead = queue.level + sum(part.valid[k + 1 :], Const(0))
-        here = part.valid[k] & (data == proof.value) & (proof.ahead == ahead)
-        m.d.comb += Assert(~stages[k] | here)
-    for k in range(proof.latency):
-        # After k cycles without an offer, the oldest item has advanced by at least k stages.
-        come = queue.o.valid | (proof.inside == 0)
-        if k <= len(part.data):
-            come |= queue.level.any() | part.valid[k:].any()
-        m.d.comb += Assert((proof.idle != k) | come)
 
 
 class Fetching(Around):
@@ -173,14 +101,10 @@ PARTS = {
     "two": lambda: given(2),
     "five": lambda: given(5),  # not a power of two
     "several": lambda: given(8, step=4),
-    "queue": lambda: credited(2, latency=1),
-    "short": lambda: credited(3, latency=5),  # the datapath is never full
-    "memory": lambda: credited(5, latency=2, memory=True),
     "fetch": Fetching,
 }
 
 NEXT = "count.eq(then)"
-ENTERS, LEAVES = "comes.eq(passes(self.i))", "goes.eq(passes(self.o))"
 
 OF_CREDIT = {
     "five": {
@@ -192,19 +116,11 @@ OF_CREDIT = {
     "one": {"returned units are not counted": (NEXT, "count.eq(count + comes)")},
     "several": {"one of several is counted": (NEXT, "count.eq(count + comes.any() - goes)")},
 }
-OF_CREDITED = {
-    "queue": {"it enters without room": ("eq(credit.room)", "eq(1)")},
-    "memory": {"not counted while in flight": (ENTERS, "comes.eq(queue.i.valid)")},
-    "short": {
-        "given back before it leaves": (LEAVES, "goes.eq(queue.i.valid)"),
-        "never given back": (LEAVES, "goes.eq(0)"),
-    },
-}
 OF_FETCH = {
     "fetch": {
         "a whole burst in one place": ("used.count + beats <= self.depth", "used.room"),
         "a burst counts for one": ("Mux(asked, beats, 0)", "asked"),
-        "room before a beat leaves": (LEAVES, "goes.eq(queue.i.valid)"),
+        "room before a beat leaves": ("goes.eq(passes(self.o))", "goes.eq(queue.i.valid)"),
         "no room for a whole burst": ("+ beats <= self.depth", "+ beats < self.burst"),
     },
 }
@@ -213,7 +129,7 @@ PROOF = side_by_side(
     PARTS,
     {
         name: planted_in(kind, elaborate=texts)
-        for kind, table in ((Credit, OF_CREDIT), (Credited, OF_CREDITED), (Fetch, OF_FETCH))
+        for kind, table in ((Credit, OF_CREDIT), (Fetch, OF_FETCH))
         for name, texts in table.items()
     },
     cover=20,  # cycles within which each part can be full, and empty again

@@ -134,8 +134,12 @@ FAULTS = planted_in(
         "read before it is written": ("pointer != self.written[way]", "1"),
         "an entry is overwritten": ("~fetching & ~self.waits & left", "~fetching & left"),
         "nothing is read": ("asked.eq(first)", "asked.eq(0)"),
+        "a place is read early": ("self.waits & left", "self.waits"),
     },
-    _advance={"the one behind is forgotten": ("Mux(waits, behind, self.found)", "self.found")},
+    _advance={
+        "the one behind is forgotten": ("Mux(waits, behind, self.found)", "self.found"),
+        "a found entry is lost": ("waits | arrives", "waits"),
+    },
     elaborate={
         "given without room": ("second & self.room", "second"),
         "given without a head": ("(~self.live | self.present).all()", "1"),

@@ -76,8 +76,4 @@ def proofs() -> dict[str, Proof]:
     """Every `PROOF` in `tb/formal`, by file."""
     names = [found.name for found in iter_modules(formal.__path__)]
     modules = {name: import_module(f"tb.formal.{name}") for name in names}
-    return {
-        name.removesuffix("_faults"): module.PROOF
-        for name, module in modules.items()
-        if hasattr(module, "PROOF")
-    }
+    return {name: module.PROOF for name, module in modules.items() if hasattr(module, "PROOF")}

@@ -174,13 +174,12 @@ class Held(wiring.Component):
         return m
 
 
-def check_all(part: Simulation, fault: int):
-    """Check that passes without a fault and fails with each one."""
+def check_all(part: Simulation):
+    """Check that fails with each fault."""
     for seed, stall in enumerate((0, 0.5)):
         for kind in ("equal", "clustered", "random", "tied"):
-            constants = {"fault": fault, "hold": 0}
-            check_stage("NARROW", kind, MIXED, part, seed, stall=stall, constants=constants)
-    constants = {"fault": fault, "hold": np.append(np.ones(8000, np.uint64), 0)}
+            check_stage("NARROW", kind, MIXED, part, seed, stall=stall, constants={"hold": 0})
+    constants = {"hold": np.append(np.ones(8000, np.uint64), 0)}
     check_stage("NARROW", "clustered", [65] * 24, part, constants=constants)
 
 

@@ -1,5 +1,7 @@
-"""Float hardware against its golden model: all pairs of small formats, a million hard pairs."""
+"""Float hardware against its golden model: all pairs of small formats, a million hard pairs.
+Conversions with a scale against exact values: fixed point times any power of two, and back."""
 
+from collections.abc import Callable
 from functools import cache, partial
 from itertools import product
 
@@ -195,3 +197,118 @@ def test_clamp_and_maximum(format):
     ]
     inputs = {"a": canonical(format, a), "b": canonical(format, b)}
     check(units, *with_pauses(inputs, rng, 2))
+
+
+CODE_BITS = 13
+SCALED_FIXED = [
+    Fixed(3, 4, True),
+    Fixed(7, 0, False),
+    Fixed(1, 0, True),
+    Fixed(-3, 9, True),
+    Fixed(1, 0, False),
+    Fixed(12, 0, True),
+    Fixed(10, 3, False),
+]
+"""At most `CODE_BITS` wide, so that every code is tried."""
+
+SCALED_FLOATS = [
+    FP16,
+    Float(5, 10),
+    FP24,
+    Float(7, 16),
+    Float(3, 2),
+    Float(3, 4, overflow="infinity"),
+    Float(4, 3, subnormal=False),
+    Float(2, 2, subnormal=False, overflow="infinity"),
+    Float(2, 4, signed=False),
+    Float(4, 4, signed=False, subnormal=False),
+]
+
+NEAR = range(-40, 41)
+FAR = range(-(1 << 15), 1 << 15)  # the range of a header's 16-bit exponent
+
+
+def exact_from(fixed: Fixed, format: Float, code: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return the exact results. Float64 holds every product that is in a format's range."""
+    with np.errstate(over="ignore", under="ignore"):
+        return format.encode(np.ldexp(fixed.decode(code & (1 << fixed.width) - 1), scale))
+
+
+def exact_to(format: Float, fixed: Fixed, code: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    return fixed.encode(np.ldexp(format.decode(code & (1 << format.width) - 1), scale))
+
+
+def scaled(make: type, exact: Callable, cases: list[tuple], latencies: int) -> list[Datapath]:
+    """Return converters at `latencies` latencies in turn, each compared only at its own scales.
+
+    cases: both formats, and the range of scales
+    """
+    found = []
+    for number, (*formats, scales) in enumerate(cases):
+        component = make(*formats, number % latencies, scales)
+        assert component.scale.shape().signed
+        sign = 1 << len(component.scale) - 1
+
+        def golden(code, scale, formats=formats, sign=sign):
+            return exact(*formats, code, (scale ^ sign) - sign)
+
+        def where(code, scale, scales=scales, sign=sign):
+            scale = (scale ^ sign) - sign
+            return (scale >= scales[0]) & (scale <= scales[-1])
+
+        inputs = ("i", "scale")
+        found.append(Datapath(component, number % latencies, inputs, golden, where=where))
+    return found
+
+
+def from_fixed(cases: list[tuple]) -> list[Datapath]:
+    return scaled(FromFixed, exact_from, cases, 7)
+
+
+def every(width: int, scales) -> dict[str, np.ndarray]:
+    """Return all codes of `width` bits at all scales, in random order."""
+    code, scale = np.meshgrid(np.arange(1 << width), np.fromiter(scales, int), indexing="ij")
+    order = np.random.default_rng(width).permutation(code.size)
+    return {"i": code.reshape(-1)[order], "scale": scale.reshape(-1)[order]}
+
+
+def test_every_code_at_every_scale():
+    """More than half of all pairs of formats, each format in at least three pairs."""
+    pairs = enumerate(product(SCALED_FIXED, SCALED_FLOATS))
+    chosen = [(fixed, format, NEAR) for k, (fixed, format) in pairs if k % 7 < 4]
+    check(from_fixed(chosen), every(CODE_BITS, NEAR))
+
+
+def test_far_scales():
+    """Scales at both ends, around zero, around powers of two, and random ones."""
+    rng = np.random.default_rng(5)
+    ends = [*NEAR, *range(FAR[0], FAR[0] + 9), *range(FAR[-1] - 9, FAR[-1] + 1)]
+    ends += [sign * (1 << bit) + k for sign in (-1, 1) for bit in range(6, 15) for k in (-1, 0, 1)]
+    code, scale = every(8, ends).values()
+    code = np.concatenate([code, code << 5 | code >> 3, rng.integers(0, 1 << CODE_BITS, 200_000)])
+    scale = np.concatenate([scale, scale, rng.integers(FAR[0], FAR[-1] + 1, 200_000)])
+    cases = [(SCALED_FIXED[-2 + k % 2], format, FAR) for k, format in enumerate(SCALED_FLOATS)]
+    check(from_fixed(cases), {"i": code, "scale": scale})
+
+
+def test_ranges_on_one_side():
+    """With `enable` low in some cycles, a scale stays with its number."""
+    ranges = [range(-60, -50), range(20, 30), range(-9, -8), range(6), NEAR]
+    cases = [
+        (SCALED_FIXED[k % 2], format, scales)
+        for k, (format, scales) in enumerate(product(SCALED_FLOATS[::3], ranges))
+    ]
+    # Only subnormal values; the largest rounds up to the smallest normal one.
+    cases.append((SCALED_FIXED[-1], FP16, range(-30, -23)))
+    inputs = every(8, range(-60, 41))
+    inputs["i"] |= inputs["i"] << 8
+    check(from_fixed(cases), *with_pauses(inputs, np.random.default_rng(6), 7))
+
+
+def test_to_fixed_of_every_code_at_a_scale():
+    """`ToFixed` with a scale: all codes of short formats, at both ends of the scale."""
+    scales = range(-1, 3)
+    formats = Float(7, 3, subnormal=False), Float(4, 3, subnormal=False), Float(5, 5), Float(3, 4)
+    fixed = Fixed(1, 11, True), Fixed(3, 4, True), Fixed(7, 2, False), Fixed(-3, 9, True)
+    cases = list(product(formats, fixed, [scales]))
+    check(scaled(ToFixed, exact_to, cases, 3), every(11, scales))

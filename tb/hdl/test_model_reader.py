@@ -16,7 +16,7 @@ from splatcore.spec.registers import ErrorCode, frame_registers
 from splatcore.spec.renderable import check_renderable
 from tb.helpers.colour_rows import random_model
 from tb.helpers.configs import PORTS
-from tb.helpers.model_memory import Image, check_reading
+from tb.helpers.model_memory import Image, check_reading, fetch_ranges
 from tb.helpers.point_rows import counts
 
 NARROW, WIDE = PORTS.values()
@@ -290,6 +290,15 @@ def test_the_end_of_memory():
     fetch = [(0, 256), (chunks - 2, 256), (chunks - 1, count % 256), (chunks // 2, 256)]
     wanted = [(count - k, n) for k, n in ((1, 1), (2, 1), (3, 3), (300, 2))]
     check_reading(NARROW, Image(image, 0), True, fetch, wanted)
+
+
+@pytest.mark.parametrize("config", PORTS.values(), ids=PORTS)
+def test_pace_of_positions(config):
+    """One beat of the machine per cycle, plus a few cycles per chunk."""
+    image = Image(model(FORMATS["steps"][1]).image, 0)
+    begin, chunks = check_reading(config, image).cycles, [(k, 256) for k in range(10, 40)]
+    beats = sum(count for _, count in fetch_ranges(config, image, chunks))
+    assert check_reading(config, image, True, chunks).cycles < begin + beats + 3 * len(chunks)
 
 
 def test_pace():

@@ -19,6 +19,14 @@ from splatcore.spec.convention import NEAR_PLANE, SPLATCORE
 from splatcore.spec.depth import finer, whole_depth
 from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, chunk_count
 from splatcore.spec.microprogram import projection
+from splatcore.spec.point import (
+    BEATS_BITS,
+    FETCH,
+    GAUSSIAN_BITS,
+    NUMBER_BITS,
+    chunk_record,
+    projecting_record,
+)
 from tb.helpers.point_rows import PointRows, point_rows
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
 from tb.stages.points import PARTS, check, with_harmonics
@@ -120,6 +128,34 @@ def test_chunks_share_no_beat_of_a_small_model():
     inside = np.array([CHUNK - 2, CHUNK - 1])
     assert list(frame.points.inside) == [*inside, *inside + CHUNK]
     check("points", frame, 0)
+
+
+def test_chunk_records():
+    """The golden side's chunk records against plain integers."""
+    rng = np.random.default_rng(0)
+    scene = with_harmonics(generate("garden", 8000), rng)
+    model, _ = pack(scene, quality=rng.integers(0, len(LAYOUTS), chunk_count(len(scene))))
+    frame = point_rows(DEFAULT, model, AMID)
+    codes, read = chunk_record(DEFAULT).unpack(frame.streams["chunks"]), frame.points.read
+    skipped = np.flatnonzero(~read)
+    assert (model.chunk_beats[skipped[skipped < np.flatnonzero(read).max()]] > 1).any()
+    beats, number = 0, 0
+    for place, layout in enumerate(model.chunks["harmonics"].tolist()):
+        if read[place]:
+            assert codes["projecting"]["attributes"][number] == beats
+            assert codes["projecting"]["harmonics"][number] == layout
+            assert codes["fetch"]["number"][number] == place
+            number += 1
+        beats += min(CHUNK, len(model) - place * CHUNK) * (1 + [0, 1, 1, 2][layout])
+    assert model.layout.attributes + 16 * beats <= model.layout.end
+
+
+def test_the_largest_model_fits():
+    """Chunk numbers and sums of beats fit their bits for any count of Gaussians."""
+    most, last = (1 << GAUSSIAN_BITS) - 1, (1 << GAUSSIAN_BITS - 8) - 1
+    assert most // CHUNK == last < 1 << NUMBER_BITS == 1 << FETCH["number"].width
+    beats = max(1 + layout.beats for layout in LAYOUTS) * most
+    assert beats < 1 << BEATS_BITS == 1 << projecting_record()["attributes"].width
 
 
 def test_culling_leaves_the_same_splats():

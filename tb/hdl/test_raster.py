@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.golden.bin import splat_codes
 from splatcore.golden.exact import as_packed, entries_of, features_of
 from splatcore.golden.pipeline import render as render_golden
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import project, render
-from splatcore.golden.sort import sort
 from splatcore.hdl.raster.prepare import Prepare
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.read import read_scene
@@ -19,14 +17,12 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
 from splatcore.spec.config import DEFAULT, PAPER, TINY
-from splatcore.spec.convention import BLOCK, COVARIANCE_BLUR
-from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION, feature_record
+from splatcore.spec.convention import COVARIANCE_BLUR
+from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION
 from splatcore.spec.frame import POWER_SCALE
-from splatcore.spec.group import entry_record, group_grid
+from splatcore.spec.group import group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from splatcore.study.accuracy.points import with_width
-from tb.helpers.bin_frames import Frame, read_memory
-from tb.helpers.bin_frames import check as check_binning
 from tb.helpers.bounds import RULE
 from tb.helpers.configs import MACHINES
 from tb.helpers.machines import NEEDLES, long_needles
@@ -171,14 +167,6 @@ def test_few_blocks():
 
 
 @pytest.mark.slow
-def test_blocks_end_with_the_group():
-    """Pixels ended by the last splat of a group are live again in the next group."""
-    lists = opaque(TINY, (64, 64), chosen=np.tile(np.arange(4), 4))
-    for seed, stall in enumerate((0, 0.2, 0.5)):
-        lists.run(stall=stall, seed=seed)
-
-
-@pytest.mark.slow
 def test_stop():
     """Once all pixels have ended, no tile is live, and later splats change nothing."""
     run = opaque(TINY, (32, 32), each=600).run()
@@ -206,47 +194,6 @@ def lists_of(config, splats, camera) -> Lists:
     """Return the lists of the float64 reference's splats."""
     entries = entries_of(config, splats, camera)
     return Lists(config, features_of(config, splats), entries, (camera.width, camera.height))
-
-
-FITTING = [
-    name
-    for name in HARD
-    if HARD[name](0).camera.width <= TINY.width_max
-    and HARD[name](0).camera.height <= TINY.height_max
-]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FITTING)
-def test_hard_cases(name):
-    case = HARD[name](0)
-    splats, _ = project(as_packed(case.scene.gaussians()), case.camera)
-    lists, size = lists_of(TINY, splats, case.camera), (case.camera.width, case.camera.height)
-    for seed, stall in enumerate((0, 0.3, 0.7)):
-        run = lists.run(stall=stall, seed=seed)
-        assert run.blocks * BLOCK**2 >= size[0] * size[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stall", [0, 0.4])
-def test_from_splats_to_pixels(stall):
-    """Binning, lists in memory, the golden sorter and this stage give the golden pixels."""
-    model, _ = pack(generate("garden", 3000), TINY)
-    camera = generated_camera("garden", 64, 64)
-    frame = render_golden(TINY, model, camera)
-    splats = splat_codes(TINY, frame.points.projected)
-    binned, _ = check_binning(TINY, [Frame(splats, *SIZES[0])], stall)
-    lists = read_memory(TINY, binned)
-    entries = entry_record(TINY).unpack(np.concatenate(lists))
-    counts = np.array([len(rows) for rows in lists])
-    ordered = sort(counts, np.ones(len(counts)), entries)
-    given = ordered["end"] == 0
-    start = np.concatenate([[0], np.cumsum(counts)])
-    splat, mask = (ordered[name][given].astype(np.int64) for name in ("splat", "mask"))
-    features = feature_record(TINY).unpack(binned.outputs["features"])
-    run = Lists(TINY, features, Entries(start, splat, mask), SIZES[0]).run(stall=stall)
-    assert (run.golden.pixels == frame.pixels).all()
-    assert counts.min() > 20 and frame.pixels.std() > 10
 
 
 @functools.cache

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from splatcore.golden.sort import sort
-from splatcore.hdl.sorting.merge import Merge
 from splatcore.hdl.sorting.runs import Half, Runs
 from splatcore.hdl.sorting.sort import COUNTED, Sort
-from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.sim.cycles.sort import cycles
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.config import TINY
@@ -19,6 +17,7 @@ from splatcore.study.bench.sort import BOUND, BOUND_FROM
 from splatcore.study.bench.sort_parts import KEYS, entries_of
 from tb.helpers.configs import MACHINES, machines
 from tb.helpers.runs import compiled, counters, faults_are_found
+from tb.planted.fault import planted_in
 from tb.stages.sorting import sort_case
 
 SORTERS = machines("TINY DEFAULT four one three")
@@ -177,27 +176,28 @@ def test_stop(counts, last, stall):
     assert shortened > 30
 
 
-FAULTS = {
-    "a later run wins a tie": (Merge, "_compare", "second.gone) < Cat", "second.gone) <= Cat"),
-    "heads are not waited for": (Merge, "elaborate", "(~self.live | self.present).all() & ", ""),
-    "a found entry is lost": (Merge, "_advance", "waits | arrives", "waits"),
-    "a place is read early": (Merge, "_fetch", "self.waits & left", "self.waits"),
-    "a batch too long": (Runs, "_cut", "slot.index.all() | ", ""),
-    "a run in the wrong half": (Runs, "_write", "to.half == number", "to.half == 0"),
-    "a run in the way before": (Sorter, "_batches", "eq(i.payload.entry.last)", "eq(0)"),
-    "a half is not cleared": (Half, "elaborate", "self.written.eq(0)", "self.written[0].eq(0)"),
-    "a mark behind each job": (Sort, "_control", "m.If(job.last)", "m.If(1)"),
-    "a mark before its entries": (Sort, "_control", " & ~self.looking & ~self.found", ""),
-    "no room is left": (Sort, "_look", "self.given.level + self.found", "self.given.level"),
-}
+FAULTS = planted_in(
+    Runs,
+    _cut={"a batch too long": ("slot.index.all() | ", "")},
+    _write={"a run in the wrong half": ("to.half == number", "to.half == 0")},
+) | planted_in(
+    Half, elaborate={"a half is not cleared": ("self.written.eq(0)", "self.written[0].eq(0)")}
+) | planted_in(
+    Sort,
+    _control={
+        "a mark behind each job": ("m.If(job.last)", "m.If(1)"),
+        "a mark before its entries": (" & ~self.looking & ~self.found", ""),
+    },
+    _look={"no room is left": ("self.given.level + self.found", "self.given.level")},
+)  # fmt: skip
+"""Those of a merge and of a sorter are in `tb.formal`."""
 
 
-def check_all(part: Simulation, fault: int):
-    """Check that passes without a fault and fails with each one."""
+def check_all(part: Simulation):
+    """Check that fails with each fault."""
     for seed, stall in enumerate((0, 0.5)):
         for kind, counts in (("equal", [*MIXED, 64, 61]), ("clustered", [*MIXED, 30, 64])):
-            last, constants = groups_of(counts, seed), {"fault": fault}
-            check("NARROW", kind, counts, part, last, stall=stall, seed=seed, constants=constants)
+            check("NARROW", kind, counts, part, groups_of(counts, seed), stall=stall, seed=seed)
 
 
 test_fault_is_found = faults_are_found(lambda: Sort(MACHINES["NARROW"]), FAULTS, check_all)

@@ -1,4 +1,5 @@
-"""A sub-sorter against a stable sort, and its cycles."""
+"""Sub-sorters, a cascade of merges or OR-trees, against a stable sort; cycles. `tb.formal` proves
+drops and releases."""
 
 from dataclasses import replace
 
@@ -6,36 +7,62 @@ import numpy as np
 import pytest
 
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
-from splatcore.golden.sort import sub_sort
+from splatcore.hdl.sorting.cascade import Cascade
 from splatcore.hdl.sorting.subsort import SubSorter
-from splatcore.spec.config import TINY
-from splatcore.spec.sort import digits, phases, ranked_record
-from splatcore.study.bench.sort_parts import random_keys
+from splatcore.sim.cycles.sort import merged
+from splatcore.sim.rtl.streams import Result
+from splatcore.spec.config import TINY, Config
+from splatcore.spec.sort import digits, phases
 from tb.helpers.configs import machines
 from tb.helpers.runs import compiled
 from tb.stages.sorting import KEYS, batch_case, batches_of
 
-SUB_SORTERS = machines("DEFAULT PAPER short TINY NARROW largest digits uneven pairs")
+CASCADES = machines("DEFAULT TINY cascade_4 cascade_512")
+TREES = machines("DEFAULT PAPER short TINY NARROW largest digits uneven pairs")
 LONG = ("PAPER", "largest")
-"""Sizes that take minutes to compile; "short" and "NARROW" are the same with fewer entries."""
+"""Sizes of OR-trees that take minutes to compile; "short" and "NARROW" are the same with fewer
+entries."""
 
 
-def run(name: str, batches: list[np.ndarray], **options):
-    """Run, and compare with the golden model."""
-    config = SUB_SORTERS[name]
-    result = batch_case(config, batches, drop=0).check(compiled(SubSorter, config), **options)
-    assert result.ports["idle"]
+def run(kind: type, config: Config, batches: list[np.ndarray], **options) -> Result:
+    """Run a sub-sorter, and compare with the golden model."""
+    constants = {"drop": 0} if kind is SubSorter else {}
+    part = compiled(kind, config)
+    result = batch_case(config, batches, **constants).check(part, **options)
+    assert kind is Cascade or result.ports["idle"]
     return result
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(k, marks=pytest.mark.verify if k in LONG else ()) for k in SUB_SORTERS],
+    "kind, config",
+    [
+        *(pytest.param(Cascade, config, id=f"cascade {k}") for k, config in CASCADES.items()),
+        *(
+            pytest.param(SubSorter, c, id=f"trees {k}", marks=[pytest.mark.verify] * (k in LONG))
+            for k, c in TREES.items()
+        ),
+    ],
 )
-def test_equals_stable_sort(name):
+def test_equals_stable_sort(kind, config):
+    """Batches of every size, with ties, with and without stalls."""
     for seed, stall in enumerate((0, 0.3, 0.7)):
-        run(name, batches_of(SUB_SORTERS[name], 40, seed), stall=stall, seed=seed)
+        run(kind, config, batches_of(config, 40, seed), stall=stall, seed=seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["DEFAULT", "TINY"])
+@pytest.mark.parametrize("kind", KEYS)
+def test_one_entry_per_cycle(kind, name):
+    """For any keys: full batches follow each other without gaps; a single one as in the model."""
+    config, random = CASCADES[name], np.random.default_rng(1)
+    size = config.sub_sorter_entries
+    keys = [KEYS[kind](config.sort_key_bits, size, random) for _ in range(6)]
+    assert run(Cascade, config, keys).cycles == 7 * size + merged(size, size) - 1
+    for count in (1, 2, 3, size // 2, size // 2 + 1, size - 1, size):
+        keys = KEYS[kind](config.sort_key_bits, count, random)
+        last_in = count - 1 + merged(size, count)
+        assert last_in + count <= run(Cascade, config, [keys]).cycles <= last_in + count + size // 4
 
 
 @pytest.mark.slow
@@ -43,40 +70,13 @@ def test_equals_stable_sort(name):
 @pytest.mark.parametrize("kind", KEYS)
 def test_two_cycles_per_entry(kind, name):
     """For any keys: loading, each phase once, then 2 cycles per entry."""
-    config, random = SUB_SORTERS[name], np.random.default_rng(1)
+    config, random = TREES[name], np.random.default_rng(1)
     for count in (1, 2, config.sub_sorter_entries // 2 + 1, config.sub_sorter_entries):
         keys = KEYS[kind](config.sort_key_bits, count, random)
         fill = 2 * len(phases(config))
-        assert run(name, [keys]).cycles == count + fill + 2 * (count - 1) + 1
+        assert run(SubSorter, config, [keys]).cycles == count + fill + 2 * (count - 1) + 1
         batch = 3 * count + fill - 2  # the next one may come as soon as the last entry is chosen
-        assert run(name, [keys] * 5).cycles == 5 * batch + 1
-
-
-@pytest.mark.slow
-def test_drop():
-    """A drop in any cycle discards the batch; the next one is sorted as if it were the first."""
-    config, random = SUB_SORTERS["TINY"], np.random.default_rng(2)
-    keys = random_keys(config.sort_key_bits, 13, random)
-    rows = batch_case(config, [keys] * 3).inputs
-    for moment in range(41):  # the first batch has gone by then
-        drop = np.arange(moment + 2) == moment
-        result = compiled(SubSorter, config).run(rows, constants={"drop": drop.astype(np.uint64)})
-        assert result.finished and result.ports["idle"], moment
-        found = ranked_record(config).unpack(result.outputs["o"])
-        taken, given = min(moment, 13), len(found["key"])
-        # The rows up to the drop, or the entries not yet output, are lost; the rest is sorted.
-        if moment < 13:
-            batches = [keys[moment + 1 :], keys, keys]
-        else:
-            batches = [keys, keys]
-            given -= 26
-            assert 0 <= given < 13 and taken == 13
-            first = sub_sort([keys])
-            assert np.array_equal(found["index"][:given], first["index"][:given])
-            found = {field: codes[given:] for field, codes in found.items()}
-        wanted = sub_sort([batch for batch in batches if len(batch)])
-        for field, codes in wanted.items():
-            assert np.array_equal(found[field], codes), (moment, field)
+        assert run(SubSorter, config, [keys] * 5).cycles == 5 * batch + 1
 
 
 @pytest.mark.verify
@@ -87,7 +87,7 @@ def test_no_path_is_too_deep():
         assert gates(SubSorter(config)).speed_depth <= DEPTH_MAX
 
 
-@pytest.mark.parametrize("machine", SUB_SORTERS.values(), ids=SUB_SORTERS)
+@pytest.mark.parametrize("machine", TREES.values(), ids=TREES)
 def test_phases_hold_every_digit_once(machine):
     found = [digit for phase in phases(machine) for cycle in phase for digit in cycle]
     assert found == digits(machine)

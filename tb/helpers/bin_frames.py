@@ -8,17 +8,17 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.golden.bin import Binned, Codes, Lists, bin_splats
+from splatcore.golden.reference_tiles import TileLists
 from splatcore.golden.reference_tiles import bin_splats as touched
 from splatcore.hdl.binning.bin import COUNTED, Bin
 from splatcore.hdl.lib.holds import holds
 from splatcore.hdl.lib.record import layout
-from splatcore.sim.rtl.streams import Result
 from splatcore.spec.binning import PAGE_BITS, burst_record, group_record
 from splatcore.spec.config import Config
-from splatcore.spec.convention import ALPHA_MIN, TILE
+from splatcore.spec.convention import ALPHA_MIN, SIGMA_EXTENT, TILE
 from splatcore.spec.feature import feature_record
 from splatcore.spec.frame import POWER_SCALE
-from splatcore.spec.group import SPLAT_BITS, entry_record
+from splatcore.spec.group import SPLAT_BITS
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits
 from splatcore.spec.point import splat_record
@@ -179,30 +179,23 @@ def read_lists(config: Config, lists: Lists) -> list[np.ndarray]:
     return read
 
 
-def read_memory(config: Config, run: Result) -> list[np.ndarray]:
-    """The same for the only frame of a run: rows of `entry_record`, group by group."""
-    bursts = burst_record(config).unpack(run.outputs["bursts"])
-    groups = group_record().unpack(run.outputs["groups"])
-    needed = REPORT.unpack(run.outputs["reports"])["needed"][0]
-    address, page, count = (
-        codes.astype(np.int64) for codes in (bursts["address"], groups["page"], groups["count"])
-    )
-    slots = read_lists(config, Lists(address, bursts["slots"], page, count, int(needed)))
-    size = entry_record(config).size
-    return [group.astype("<u8").view(np.uint8).reshape(-1, 8)[:, :size] for group in slots]
-
-
 @dataclass(frozen=True, eq=False)
-class Ellipses:
-    """Q = A·x² + 2·B·x·y + C·y² ≤ reach around centres [N, 2] in pixels; conic [N, 3] A, B, C."""
+class Outlines:
+    """Shapes of splats [N]: ellipses, or squares if they have a radius.
+
+    centre: [N, 2], pixels
+    conic, reach: [N, 3] A, B, C and [N] of Q = A·x² + 2·B·x·y + C·y² ≤ reach around the centre
+    radius: [N] half sides of squares, pixels
+    """
 
     centre: np.ndarray
     conic: np.ndarray
     reach: np.ndarray
+    radius: np.ndarray | None = None
 
     @classmethod
-    def of(cls, config: Config, splats: Codes) -> "Ellipses":
-        """Ellipses of splats, from their codes, in float64."""
+    def of(cls, config: Config, splats: Codes) -> "Outlines":
+        """Outlines of splats, from their codes, in float64."""
         pixel = 2.0**config.screen_exponent
         value = {name: config.arithmetic.decode(code) for name, code in splats.items()}
         across = value["power_across"] / POWER_SCALE / pixel**2
@@ -210,16 +203,32 @@ class Ellipses:
         conic = np.stack([across, -shear * across, along + shear * shear * across], axis=1)
         centre = np.stack([value["u"], value["v"]], axis=1) * pixel
         reach = -2 * np.log(ALPHA_MIN) - 2 * np.log(2) * OPACITY.step * value["attenuation"]
-        return cls(centre, conic, reach)
+        a, b, c = conic.T
+        covariance = np.stack([c, -b, a], axis=1) / (a * c - b * b)[:, None]
+        return cls(
+            centre, conic, reach, radii(covariance) if config.tile_test == "3sigma" else None
+        )
 
-    def boxes(self, width: int, height: int) -> np.ndarray:
-        """First and last columns and rows of tiles [N, 4] that may be touched, with a margin."""
-        a, b, c = self.conic.T
-        half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
-        last = np.array([width - 1, height - 1]) // TILE
-        low = np.clip((self.centre - half) // TILE - 1, 0, last + 1)
-        high = np.clip((self.centre + half) // TILE + 1, -1, last)
-        return np.stack([low, high], axis=2).reshape(-1, 4).astype(np.int64)
+    def touched(self, width: int, height: int) -> TileLists:
+        """The tiles with a pixel's centre inside, of an image of this size."""
+        last = np.array([width - 1, height - 1])
+        if self.radius is None:
+            a, b, c = self.conic.T
+            half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
+            low = np.clip((self.centre - half) // TILE - 1, 0, last // TILE + 1)
+            high = np.clip((self.centre + half) // TILE + 1, -1, last // TILE)
+        else:
+            first = np.ceil(np.maximum(self.centre - self.radius[:, None], 0))
+            end = np.floor(np.minimum(self.centre + self.radius[:, None], last))
+            low, high = first // TILE, np.where(first > end, -1, end // TILE)
+        boxes = np.stack([low, high], axis=2).reshape(-1, 4).astype(np.int64)
+        return touched(self, boxes, width, height, exact=self.radius is None)
+
+
+def radii(covariance: np.ndarray) -> np.ndarray:
+    """Half sides [N] of the original renderer's squares, for covariances [N, 3] xx, xy, yy."""
+    xx, xy, yy = covariance.T
+    return SIGMA_EXTENT * np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy))
 
 
 def found_tiles(config: Config, frame: Frame, found: Binned) -> tuple[np.ndarray, ...]:
@@ -233,20 +242,18 @@ def found_tiles(config: Config, frame: Frame, found: Binned) -> tuple[np.ndarray
 
 
 def compare_tiles(
-    config: Config, frame: Frame, found: Binned, ellipses: Ellipses | None = None,
+    config: Config, frame: Frame, found: Binned, outlines: Outlines | None = None,
     splats: np.ndarray | None = None,
 ) -> tuple[int, int]:  # fmt: skip
     """Compare the pairs found by binning with the exact ones.
 
-    ellipses: of `splats`
+    outlines: of `splats`
     splats: [N] numbers in the frame; default: all
-    A splat touches a tile if Q ≤ reach somewhere in the rectangle of the tile's pixel centres.
     Returns the number of touching pairs, and how many of them binning has missed.
     """
-    ellipses = ellipses or Ellipses.of(config, frame.splats)
+    outlines = outlines or Outlines.of(config, frame.splats)
     splats = np.arange(len(frame)) if splats is None else splats
-    width, height = frame.width, frame.height
-    exact = touched(ellipses, ellipses.boxes(width, height), width, height, exact=True)
+    exact, width = outlines.touched(frame.width, frame.height), frame.width
     columns = -(-width // TILE)
     tile = np.repeat(np.arange(len(exact.start) - 1), np.diff(exact.start))
     splat, row, column = found_tiles(config, frame, found)

@@ -56,6 +56,7 @@ def random_model(
     rng: np.random.Generator,
     draw: Draw = any_bytes,
     last: int = CHUNK,
+    antialiased: bool = False,
 ) -> PackedModel:
     """A model with random attributes, codebooks and steps.
 
@@ -79,7 +80,8 @@ def random_model(
         name: np.array([value], np.uint64)
         for name, value in {
             "magic": MAGIC,
-            "version": VERSIONS[0],
+            "version": VERSIONS[antialiased],
+            "antialiased": antialiased,
             "sh_degree": format.sh_degree,
             "position": POSITION_FORMATS.index(format.position),
             "small": format.small,
@@ -116,6 +118,8 @@ def random_rays(config: Config, rng: np.random.Generator, count: int) -> dict[st
     way = np.ldexp(way, scale[:, None])
     way = np.where((kind == 5)[:, None], np.ldexp(way, rng.integers(-66, 66, (count, 3))), way)
     way[rng.random(count) < 0.01] = 0
+    if config.arithmetic.overflow == "infinity":  # infinity times a slope of 0 is no number
+        way = np.copysign(np.clip(np.abs(way), 2.0**-6, 2.0**6), way)
     return {f"ray_{a}": config.arithmetic.round(way[:, k]) for k, a in enumerate("xyz")}
 
 
@@ -123,7 +127,7 @@ def project_case(
     config: Config, model: PackedModel, rng: np.random.Generator, kept: float = 0.8
 ) -> Case:
     """The projection of points with a model's attributes, but random coordinates and rays."""
-    frame = frame_constants(config, generated_camera("garden"), 0, 0)
+    frame = frame_constants(config, generated_camera("garden"), 0, 0, model.antialiased)
     index = np.arange(len(model))
     last = (index % CHUNK == CHUNK - 1) | (index == len(model) - 1)
     keep = rng.random(len(model)) < kept

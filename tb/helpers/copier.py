@@ -1,14 +1,22 @@
 """A small device that replaces the machine in tests of its memory and host: it copies memory."""
 
+from functools import cache
+
+import numpy as np
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Queue
 from splatcore.hdl.memory.bus import axi, axi_lite
+from splatcore.model.pack.pack import pack
+from splatcore.sim.machine.machine import Job
 from splatcore.spec.axi import BEAT, BEAT_BITS, DATA_BITS, LITE_ADDRESS_BITS, LITE_DATA_BITS
+from splatcore.spec.camera import look_at
 from splatcore.spec.config import TINY
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.registers import CODE_BITS, ErrorCode, addresses
+from tb.helpers.scenes import random_scene
 
 FAULTS = ("none", "ar", "aw", "w", "last", "boundary", "size", "outside", "hang", "early")
 """Faults of the device, selected by FEATURES_MAX − `FAULT`."""
@@ -19,6 +27,19 @@ BURST = 4  # beats of the device's bursts
 DEPTH = 64
 POINTS = 50  # cycles of the device's first half
 PAGES = 9  # list pages that the device reports in NEEDED
+
+SIZE = (64, 16)  # of its images
+
+
+@cache
+def models() -> list[PackedModel]:
+    return [pack(random_scene(500, 1, seed), TINY)[0] for seed in range(2)]
+
+
+def jobs(count: int = 1) -> list[Job]:
+    """Frames of two models in turn."""
+    view = look_at(np.array([0.0, 0, -4]), np.zeros(3), *SIZE, 60.0)
+    return [Job(models()[k % 2], view) for k in range(count)]
 
 
 class Copier(wiring.Component):

@@ -173,7 +173,7 @@ def check_reading(
     fits: whether the machine can render it; else only the header is read
     fetch: numbers of chunks and counts of Gaussians
     wanted: first beats and counts of attributes (none for ports with larger beats, which two
-        requests may share: `tb.hdl.test_words`)
+        requests may share: `tb.hdl.test_memory`)
     """
     wide = axi.port_beats(config)
     parts = model_ranges(config, image) if fits else {}

@@ -1,14 +1,12 @@
 """Components for tests: a datapath in a `Pipe`, and several components in one simulation."""
 
-from collections.abc import Callable, Iterable
-from unittest.mock import patch
+from collections.abc import Iterable
 
-from amaranth.hdl import Fragment, Module, ShapeLike, Signal
+from amaranth.hdl import Module, ShapeLike, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.stream import Pipe
-from tb.planted.fault import planted
 
 
 def forward(m: Module, outer: object, inner: wiring.Component, names: Iterable[str] = ()):
@@ -94,31 +92,4 @@ class SideBySide(wiring.Component):
         for name, part in self.components.items():
             m.submodules[name] = part
             forward(m, getattr(self, name), part)  # `connect` cannot flip an array of interfaces
-        return m
-
-
-class Variants(wiring.Component):
-    """A component and one variant per planted fault in one build.
-
-    faults: class of a part, name of its method, text to replace in the method, new text
-
-    Members: those of the component; fault: number of the variant to use, 0 for none
-    """
-
-    def __init__(self, make: Callable[[], wiring.Component], faults: Iterable[tuple]):
-        self.make, self.faults, self.good = make, list(faults), make()
-        members = dict(self.good.signature.members)
-        super().__init__(members | {"fault": In(range(len(self.faults) + 1))})
-
-    def elaborate(self, platform) -> Module:
-        m = Module()
-        variants = [(self.good, self.good)]
-        for part, method, old, new in self.faults:
-            variant = self.make()
-            with patch.object(part, method, planted(getattr(part, method), old, new)):
-                variants.append((variant, Fragment.get(variant, platform)))
-        for number, (variant, made) in enumerate(variants):
-            m.submodules += made
-            with m.If(self.fault == number):
-                forward(m, self, variant)
         return m

@@ -2,8 +2,8 @@
 
 import shutil
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from amaranth.lib import wiring
 
 from splatcore.sim.rtl.streams import Result, Simulation
 from splatcore.spec.counters import COUNTER_BITS
-from tb.helpers.parts import Variants
+from tb.planted.fault import each, plant
 
 Rows = dict[str, np.ndarray]
 
@@ -41,12 +41,6 @@ class Case:
     constants: Mapping = field(default_factory=dict)
     care: Rows = field(default_factory=dict)
     first: Sequence[str] = ()
-
-    def twice(self) -> "Case":
-        """The same rows again, to see that the first frame leaves no state for the second."""
-        parts = (self.inputs, self.expected, self.care)
-        inputs, expected, care = ({k: np.tile(v, (2, 1)) for k, v in p.items()} for p in parts)
-        return replace(self, inputs=inputs, expected=expected, care=care)
 
     def check(self, simulation: Simulation, label: str = "", **options) -> Result:
         """Run a component and check that its output rows are exactly the expected ones.
@@ -91,24 +85,22 @@ def counters(names: Iterable[str], bits: int) -> dict[str, int]:
 def faults_are_found(
     make: Callable[[], wiring.Component],
     faults: Mapping[str, tuple],
-    check: Callable[[Simulation, int], None],
+    check: Callable[[Simulation], None],
 ) -> Callable:
     """Make a test function: the runs must pass without a fault and fail with each fault.
 
-    faults: for `Variants`, by name
-    check: runs a simulation of the variants with a number for the port `fault` (0: no fault); an
-        assertion fails if it detects the fault
+    faults: by name, as in `tb.planted.fault.planted_in`
+    check: runs a simulation; an assertion fails if it detects a fault
     """
-    variants = cache(lambda: Simulation(Variants(make, faults.values())))
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("fault", [None, *faults])
-    def test(fault):
-        run = partial(check, variants())
+    @pytest.mark.parametrize("fault", [None, *each(faults)])
+    def test(fault, monkeypatch):
         if fault is None:
-            run(0)
+            check(Simulation(make()))
         else:
+            plant(monkeypatch, *faults[fault])
             with pytest.raises(AssertionError):
-                run(1 + list(faults).index(fault))
+                check(Simulation(make()))
 
     return test

@@ -140,7 +140,7 @@ class OnStreams(Bench):
     async def work(self, names: list[str], label: str = "") -> tuple[str, str]:
         """Send all inputs of the cases and compare all outputs."""
         for monitor in self.monitors.values():
-            monitor.clear()
+            monitor.payloads.clear()
         watch = cocotb.start_soon(self.watch())
         try:
             for name in names:

@@ -1,4 +1,4 @@
-"""Streams in testbenches: send, receive, watch, stall, and payloads as integers.
+"""Streams in testbenches: send, receive, watch, stall.
 
 For components whose streams have ports `i__payload`, `i__valid` and `i__ready`, under cocotb's
 `Clock`, with which a read after a rising edge sees the values before the edge.
@@ -12,19 +12,13 @@ item.
 
 import random
 from collections.abc import Callable, Iterable, Iterator
-from itertools import cycle, repeat
+from itertools import repeat
 
 import cocotb
-import numpy as np
-from cocotb.clock import Clock
 from cocotb.handle import SimHandleBase
 from cocotb.triggers import ClockCycles, RisingEdge
 
-from splatcore.spec.record import Codes, Record
-
 PERIOD = 10  # clock period in ns; arbitrary
-
-RESET_CYCLES = 2
 
 STALL_MAX = 200  # longest run of stalled cycles in `long_stalls`
 BURST_MAX = 12  # longest run of equal cycles in `bursts`: longer than the depth of small queues
@@ -32,15 +26,6 @@ BURST_MAX = 12  # longest run of equal cycles in `bursts`: longer than the depth
 
 def never() -> Iterator[bool]:
     return repeat(False)
-
-
-def always() -> Iterator[bool]:
-    """Stall in every cycle."""
-    return repeat(True)
-
-
-def alternate() -> Iterator[bool]:
-    return cycle([True, False])
 
 
 def at_random(p: float = 0.5) -> Iterator[bool]:
@@ -66,10 +51,6 @@ def long_stalls() -> Iterator[bool]:
 
 def mostly() -> Iterator[bool]:
     return at_random(0.8)
-
-
-STALLS = [never, alternate, at_random, mostly, bursts]
-"""Patterns that every case is combined with on both sides; `always` has separate cases."""
 
 
 def pause(
@@ -112,17 +93,6 @@ class Stream:
         return bool(self.valid.value) and bool(self.ready.value)
 
 
-async def start(dut: SimHandleBase, sources: list[Stream], sinks: list[Stream]) -> None:
-    """Start the clock and reset, with all streams idle. Returns just after an edge."""
-    for stream in sources:
-        stream.valid.value = 0
-        stream.payload.value = 0
-    for stream in sinks:
-        stream.ready.value = 0
-    Clock(dut.clk, PERIOD, "ns").start()
-    await reset(dut, RESET_CYCLES)
-
-
 async def reset(dut: SimHandleBase, cycles: int = 1) -> None:
     """Hold reset for some cycles. Returns just after the last edge that sees it."""
     dut.rst.value = 1
@@ -151,25 +121,17 @@ async def send(stream: Stream, payloads: list[int], idle: Iterator[bool] | None 
     stream.payload.value = random.getrandbits(width)
 
 
-async def receive(stream: Stream, count: int, stall: Iterator[bool] | None = None) -> list[int]:
+async def receive(stream: Stream, count: int, stall: Iterator[bool]) -> None:
     """Receive `count` payloads; ready is low in cycles in which `stall` is true."""
-    stall = stall or never()
-    payloads = []
-    while len(payloads) < count:
-        ready = not next(stall)
-        stream.ready.value = ready
+    while count:
+        stream.ready.value = not next(stall)
         await RisingEdge(stream.clk)
-        if ready and stream.valid.value:
-            payloads.append(int(stream.payload.value))
+        count -= stream.passes()
     stream.ready.value = 0
-    return payloads
 
 
 class Monitor:
-    """Records the transfers on a stream and asserts that offers are kept.
-
-    payloads: transferred payloads
-    cycles: of the transfers, since `watch` began; comparable between monitors that began together
+    """Records the payloads transferred on a stream and asserts that offers are kept.
 
     Start it by `cocotb.start_soon(monitor.watch())`.
     """
@@ -177,14 +139,9 @@ class Monitor:
     def __init__(self, stream: Stream):
         self.stream = stream
         self.payloads: list[int] = []
-        self.cycles: list[int] = []
-
-    def clear(self) -> None:
-        """Forget all transfers."""
-        self.payloads, self.cycles = [], []
 
     async def watch(self) -> None:
-        stream, offered, now = self.stream, None, 0
+        stream, offered = self.stream, None
         while True:
             await RisingEdge(stream.clk)
             payload = int(stream.payload.value) if stream.valid.value else None
@@ -195,19 +152,6 @@ class Monitor:
                 offered = None
             elif stream.passes():
                 self.payloads.append(payload)
-                self.cycles.append(now)
                 offered = None
             else:
                 offered = payload
-            now += 1
-
-
-def words(record: Record, codes: Codes) -> list[int]:
-    """Pack codes of N records into N payloads."""
-    return [int.from_bytes(packed.tobytes(), "little") for packed in record.pack(codes)]
-
-
-def codes(record: Record, words: list[int]) -> Codes:
-    """Unpack payloads: the inverse of `words`."""
-    packed = b"".join(word.to_bytes(record.size, "little") for word in words)
-    return record.unpack(np.frombuffer(packed, np.uint8).reshape(-1, record.size))

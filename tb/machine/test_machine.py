@@ -17,9 +17,7 @@ from splatcore.sim.machine.script import IDEAL, LPDDR4, Timing
 from splatcore.sim.machine.wave_files import signals
 from splatcore.spec.camera import NEAR_LIMITS
 from splatcore.spec.config import TINY
-from splatcore.spec.feature import feature_record
 from splatcore.spec.sort import BUCKETS, half_entries
-from splatcore.spec.work import FEATURE
 from tb.helpers.command import run as command
 from tb.helpers.machines import ROUGH, check, garden, long_needles, view
 
@@ -158,19 +156,6 @@ def test_waves_of_a_window(tmp_path):
     assert shown and set(shown) <= names
     for module in STREAMS:
         assert any(line.startswith(f"TOP.top.{module}.") for line in shown), module
-
-
-def test_work_area():
-    """Features, lists and table in memory are the golden model's."""
-    job = Job(garden(TINY, 400), view())
-    run = check(TINY, [job])
-    frame = render(TINY, *job)
-    record = feature_record(TINY)
-    count = len(frame.binned.kept)
-    stored = run.areas.read(run.memory, "features0")[: count * FEATURE].reshape(-1, FEATURE)
-    assert np.array_equal(stored[:, : record.size], record.pack(frame.binned.features))
-    lists = run.areas.read(run.memory, "lists0").view("<u8").reshape(-1, TINY.burst)
-    assert np.array_equal(lists[frame.binned.lists.address], frame.binned.lists.slots)
 
 
 def test_short_lists_are_not_dealt():

@@ -7,21 +7,17 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.areas import make_memory, place_areas
 from splatcore.sim.machine.machine import Job, Machine, Run, host_script
 from splatcore.sim.machine.script import IDEAL, LPDDR4, Report, Script, Timing, execute
 from splatcore.sim.rtl.convert import converted
 from splatcore.spec.axi import BEAT
-from splatcore.spec.camera import look_at
 from splatcore.spec.config import TINY
 from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY, ErrorCode
-from tb.helpers.copier import BURST, FAULT, FAULTS, PAGES, POINTS, Copier
-from tb.helpers.scenes import random_scene
+from tb.helpers.copier import BURST, FAULT, FAULTS, PAGES, POINTS, SIZE, Copier, jobs, models
 
 pytestmark = pytest.mark.slow
 
-SIZE = (64, 16)
 BEATS = SIZE[0] * SIZE[1] * 3 // BEAT
 
 
@@ -30,30 +26,18 @@ def machine() -> Machine:
     return Machine(TINY, converted(Copier()))
 
 
-@pytest.fixture(scope="module")
-def models() -> list:
-    return [pack(random_scene(500, 1, seed), TINY)[0] for seed in range(2)]
-
-
-def jobs(models: list, count: int = 1) -> list[Job]:
-    view = look_at(np.array([0.0, 0, -4]), np.zeros(3), *SIZE, 60.0)
-    return [Job(models[k % 2], view) for k in range(count)]
-
-
-def run(machine: Machine, models: list, timing: Timing, fault: str = "none", **options) -> Run:
+def run(machine: Machine, timing: Timing, fault: str = "none", **options) -> Run:
     sizes = {"features": FAULT + FAULTS.index(fault)}
-    return machine.run(jobs(models), timing, sizes=sizes, **options)
+    return machine.run(jobs(), timing, sizes=sizes, **options)
 
 
 @pytest.mark.parametrize("timing", [IDEAL, LPDDR4, replace(LPDDR4, stall=0.5, seed=3)])
-def test_frames_come_as_they_should(machine, models, timing):
+def test_frames_come_as_they_should(machine, timing):
     seen = []
-    found = machine.run(
-        jobs(models, 4), timing, lambda *step: seen.append(step), {"features": FAULT}
-    )
+    found = machine.run(jobs(4), timing, lambda *step: seen.append(step), {"features": FAULT})
     assert found.done and found.state["NEEDED"] == PAGES, found.why
     for k, frame in enumerate(found.frames):
-        copied = models[k % 2].image[: BEATS * BEAT]
+        copied = models()[k % 2].image[: BEATS * BEAT]
         np.testing.assert_array_equal(frame.pixels.ravel(), copied)
         assert frame.counters["points_points"] == BEATS
         assert frame.started + POINTS - 5 <= frame.ready < frame.finished
@@ -67,11 +51,11 @@ def test_frames_come_as_they_should(machine, models, timing):
     assert not found.report.outside
 
 
-def test_progress_is_reported(machine, models):
+def test_progress_is_reported(machine):
     """A run of a few seconds; progress is reported twice per second."""
     seen = []
     slow = replace(IDEAL, bandwidth=0.001)
-    found = machine.run(jobs(models), slow, lambda *step: seen.append(step), {"features": FAULT})
+    found = machine.run(jobs(), slow, lambda *step: seen.append(step), {"features": FAULT})
     assert found.done
     cycles, written, total = zip(*seen, strict=True)
     assert set(total) == {BEATS * BEAT} and cycles == tuple(sorted(cycles))
@@ -82,34 +66,34 @@ def test_progress_is_reported(machine, models):
     "bandwidth, granule, cycles",
     [(0, 0, BEATS), (32, 32, BEATS), (8, 0, 4 * BEATS), (8, 32, 4 * BEATS), (8, 128, 8 * BEATS)],
 )
-def test_bandwidth(machine, models, bandwidth, granule, cycles):
+def test_bandwidth(machine, bandwidth, granule, cycles):
     """Reads and writes share the bandwidth; a burst of 64 bytes wastes half of a granule of 128."""
     timing = Timing("test", latency=4, bandwidth=bandwidth, granule=granule)
-    frame = run(machine, models, timing).frames[0]
+    frame = run(machine, timing).frames[0]
     saved = 2 * granule // max(bandwidth, 1)  # tokens from before the first access
     assert cycles - saved <= frame.finished - frame.ready <= cycles + 40
 
 
-def test_latency(machine, models):
+def test_latency(machine):
     """A burst's first beat and its answer have the latency; several bursts are in flight."""
     base, slow = (Timing("test", latency=cycles) for cycles in (4, 24))
     timings = base, slow, replace(slow, outstanding=1)
-    base, late, one = (run(machine, models, timing).frames[0] for timing in timings)
+    base, late, one = (run(machine, timing).frames[0] for timing in timings)
     assert late.finished - late.ready == base.finished - base.ready + 2 * 20
     assert one.finished - one.ready > BEATS // BURST * (24 + 24 + BURST - 1) / 2
 
 
-def test_read_errors(machine, models):
-    found = run(machine, models, replace(IDEAL, read_errors=(BEATS // 2,)))
+def test_read_errors(machine):
+    found = run(machine, replace(IDEAL, read_errors=(BEATS // 2,)))
     assert found.error == ErrorCode.READ and found.detail == 3 and not found.done
     assert found.report.result == "error" and found.frames[0].pixels is None
-    assert run(machine, models, replace(IDEAL, read_errors=(BEATS,))).done
+    assert run(machine, replace(IDEAL, read_errors=(BEATS,))).done
 
 
-def test_write_errors(machine, models):
-    found = run(machine, models, replace(IDEAL, write_errors=(BEATS // BURST - 1,)))
+def test_write_errors(machine):
+    found = run(machine, replace(IDEAL, write_errors=(BEATS // BURST - 1,)))
     assert found.error == ErrorCode.WRITE and "ERROR WRITE, detail 3" in found.why
-    assert run(machine, models, replace(IDEAL, write_errors=(BEATS // BURST,))).done
+    assert run(machine, replace(IDEAL, write_errors=(BEATS // BURST,))).done
 
 
 @pytest.mark.parametrize(
@@ -119,21 +103,21 @@ def test_write_errors(machine, models):
         ("last", "WLAST"), ("boundary", "crosses a boundary"), ("size", "neither whole beats"),
     ],
 )  # fmt: skip
-def test_rules(machine, models, fault, rule):
-    found = run(machine, models, replace(IDEAL, stall=0.6, seed=5), fault)
+def test_rules(machine, fault, rule):
+    found = run(machine, replace(IDEAL, stall=0.6, seed=5), fault)
     assert found.report.result == "rule" and rule in found.why
 
 
-def test_outside(machine, models):
+def test_outside(machine):
     """An access outside of all regions is answered by an error and reported."""
-    found = run(machine, models, IDEAL, "outside")
+    found = run(machine, IDEAL, "outside")
     assert found.error == ErrorCode.READ and found.report.outside == 1
     assert "read of model, 64 bytes at 0x0" in found.why
 
 
-def test_the_model_is_not_written(machine, models):
+def test_the_model_is_not_written(machine):
     """A write to a read-only region is refused: the image is placed at the model."""
-    [job] = jobs(models)
+    [job] = jobs()
     areas = job_areas(job)
     script, _, _ = host_script(TINY, [job], [job.model], areas)
     places = [f"write {script.addresses[name]} " for name in ("PIXELS", "MODEL")]
@@ -145,38 +129,38 @@ def test_the_model_is_not_written(machine, models):
     assert report.outside == BEATS // BURST
 
 
-def test_hang(machine, models):
-    found = run(machine, models, IDEAL, "hang", idle_max=500)
+def test_hang(machine):
+    found = run(machine, IDEAL, "hang", idle_max=500)
     assert found.report.result == "hang" and "STATUS" in found.state
     assert 500 < found.report.cycles < 1500
     late = replace(IDEAL, latency=450)
-    assert run(machine, models, late, idle_max=500).done
+    assert run(machine, late, idle_max=500).done
 
 
-def test_limit(machine, models):
-    assert run(machine, models, IDEAL, cycles_max=300).report.result == "limit"
+def test_limit(machine):
+    assert run(machine, IDEAL, cycles_max=300).report.result == "limit"
 
 
-def test_writes_are_seen_from_their_answers_on(machine, models):
+def test_writes_are_seen_from_their_answers_on(machine):
     """A machine that signals FRAME before memory's answers has signalled it too early."""
     timing = replace(IDEAL, latency=100)
-    found = run(machine, models, timing, "early")
+    found = run(machine, timing, "early")
     assert found.done
-    copied = models[0].image[: BEATS * BEAT].reshape(found.frames[0].pixels.shape)
+    copied = models()[0].image[: BEATS * BEAT].reshape(found.frames[0].pixels.shape)
     assert (found.frames[0].pixels[-1, -20:] != copied[-1, -20:]).mean() > 0.9
 
 
-def test_more_pages(machine, models):
+def test_more_pages(machine):
     sizes = {"features": FAULT, "pages": PAGES - 1}
-    found = machine.run(jobs(models), sizes=sizes)
+    found = machine.run(jobs(), sizes=sizes)
     assert found.done and found.areas.pages == PAGES
-    found = machine.run(jobs(models), sizes=sizes, retry=False)
+    found = machine.run(jobs(), sizes=sizes, retry=False)
     assert found.error == ErrorCode.PAGES and not found.done
 
 
-def test_reset_in_mid_frame(machine, models):
+def test_reset_in_mid_frame(machine):
     """Memory drops requests from before the reset."""
-    [job] = jobs(models)
+    [job] = jobs()
     areas = job_areas(job)
     script = Script(TINY)
     first, _, _ = host_script(TINY, [job], [job.model], areas)
@@ -188,9 +172,9 @@ def test_reset_in_mid_frame(machine, models):
     assert saved == job.model.image[: BEATS * BEAT].tobytes()
 
 
-def test_two_ends_before_the_host_looks(machine, models):
+def test_two_ends_before_the_host_looks(machine):
     """One FRAME stands for both, and FINISHED counts them; a reset restarts the count."""
-    [job] = jobs(models)
+    [job] = jobs()
     areas, script = job_areas(job), Script(TINY)
     first, _, _ = host_script(TINY, [job], [job.model], areas)
     begun = next(k for k, line in enumerate(first.lines) if line.startswith("wait"))

@@ -9,9 +9,8 @@ import pytest
 
 from splatcore.app.cli.simulate import Request, planned
 from splatcore.golden.pipeline import render
-from splatcore.model.pack.pack import pack
 from splatcore.sim.machine import wave_files, waves
-from splatcore.sim.machine.machine import Job, Machine, Run
+from splatcore.sim.machine.machine import Machine, Run
 from splatcore.sim.machine.script import IDEAL
 from splatcore.sim.machine.wave_files import (
     FST_HEADERS,
@@ -34,13 +33,9 @@ from splatcore.sim.machine.waves import (
 from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.verilator import has_headers
 from splatcore.spec.axi import BEAT
-from splatcore.spec.camera import look_at
 from splatcore.spec.config import TINY
 from splatcore.spec.error import InputError
-from tb.helpers.copier import BURST, Copier
-from tb.helpers.scenes import random_scene
-
-SIZE = (64, 16)
+from tb.helpers.copier import BURST, SIZE, Copier, jobs
 
 WINDOW = Window((250, 299))
 
@@ -133,18 +128,11 @@ def test_kinds(monkeypatch):
     assert has_headers("cstdio") and not has_headers("cstdio", "no_such_header.h")
 
 
-@pytest.fixture(scope="module")
-def jobs() -> list[Job]:
-    model, _ = pack(random_scene(500, 1, 0), TINY)
-    camera = look_at([0.0, 0, -4], [0.0, 0, 0], *SIZE, 60.0)
-    return [Job(model, camera)]
-
-
-def test_too_large(jobs, monkeypatch, tmp_path, capsys):
+def test_too_large(monkeypatch, tmp_path, capsys):
     """Waveforms estimated above --waves-max are refused, in one line, before simulation."""
     names = [Signal("TOP.top.queue", f"n{k}", 32, str(k)) for k in range(100)]
     monkeypatch.setattr(waves, "names_of", lambda machine: names)
-    frame, machine = render(TINY, *jobs[0]), SimpleNamespace(config=TINY)
+    frame, machine = render(TINY, *jobs()[0]), SimpleNamespace(config=TINY)
     asked = Request(tmp_path / "out.png", waves=tmp_path / "w.vcd", scope="queue", waves_max=0.5)
     few, many = (Window((0, last)) for last in (99, 999))
     plan = planned(machine, few, asked, frame)
@@ -169,30 +157,30 @@ def recording(traced, tmp_path) -> Recording:
     return Recording(tmp_path / f"w.{kind}", WINDOW)
 
 
-def recorded(traced: Machine, jobs: list[Job], recording: Recording) -> Run:
-    return write_waves(traced, jobs, IDEAL, recording, "simulating")
+def recorded(traced: Machine, recording: Recording) -> Run:
+    return write_waves(traced, jobs(), IDEAL, recording, "simulating")
 
 
 @pytest.mark.slow
-def test_window_alone(traced, jobs, recording):
-    run = recorded(traced, jobs, recording)
+def test_window_alone(traced, recording):
+    run = recorded(traced, recording)
     assert run.done and run.report.window == WINDOW.cycles
     if recording.path.suffix == ".vcd":
         lines = recording.path.read_text().splitlines()
         times = [int(line[1:]) for line in lines if line.startswith("#")]
         assert times == list(range(2500, 3000, 5))
     with pytest.raises(InputError, match="before the window began"):
-        recorded(traced, jobs, replace(recording, window=Window((10**6, 10**6))))
+        recorded(traced, replace(recording, window=Window((10**6, 10**6))))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module, most", [("top", 80_000), ("queue", 30_000)])
-def test_scope(traced, jobs, recording, module, most):
+def test_scope(traced, recording, module, most):
     """Only the module's signals, about the estimated bytes, and matching viewer files."""
     names = names_of(traced)
     scope = find_scope(names, module)
     recording = replace(recording, scope=scope, levels=99)
-    run = recorded(traced, jobs, recording)
+    run = recorded(traced, recording)
     found = list(signals(recording.path))
     wanted = within(names, scope, 99)
     assert without_codes(found) == without_codes(wanted) and len(found) < len(names)
@@ -213,14 +201,14 @@ def test_scope(traced, jobs, recording, module, most):
 
 
 @pytest.mark.slow
-def test_tile(traced, jobs, tmp_path):
+def test_tile(traced, tmp_path):
     """From the read of its list to its last pixel; here the first 4 rows."""
 
     def watch(areas):
         read = areas.models[0] + 2 * BURST * BEAT
         return {"watch": f"{read} {areas.images[0]} {SIZE[0] * 3} 0 {SIZE[0] * 3} 0 4"}
 
-    run = traced.run(jobs, IDEAL, settings=watch, keep=tmp_path)
+    run = traced.run(jobs(), IDEAL, settings=watch, keep=tmp_path)
     first, last = run.report.window
     ready = run.frames[0].ready
     assert ready < first < ready + 20

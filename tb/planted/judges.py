@@ -15,48 +15,54 @@ DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
+MASTER = (
+    "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
+    "-k 'every_cycle or comes_first or patient or (proved and axi_master)'"
+)
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
 QUICK = {
     "": "",
     "arithmetic": "tb/hdl/test_float.py -k 'every_pair or every_triple or enable or conversions'",
-    "arithmetic/convert": "tb/hdl/test_float.py tb/hdl/test_scale.py",
+    "arithmetic/convert": "tb/hdl/test_float.py",
     "arithmetic/minmax": "tb/hdl/test_float.py -k clamp",
     "arithmetic/unary": "tb/hdl/test_unary.py -k rtl",
     "arithmetic/unary_ends": "tb/hdl/test_unary.py -k rtl",
-    "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or one_entry or buffers'",
+    "binning": "tb/hdl/test_bin.py -k '(hardware_equals and SHORT) or buffers'",
     "binning/binned": "tb/hdl/test_binned.py",
-    "binning/row_end": "tb/hdl/test_row_end.py",
-    "frame": "tb/hdl/test_frame.py tb/hdl/test_proofs.py -k 'frame and not fault'",
-    "lib/counters": "tb/hdl/test_counters.py",
-    "lib/credit": "tb/hdl/test_proofs.py tb/hdl/test_holds.py -k '(credit or holds) and not fault'",
-    "lib/latency": "tb/hdl/test_scale.py -k one_side",
-    "lib/holds": "tb/hdl/test_holds.py",
+    "binning/list_writer": "tb/hdl/test_proofs.py -k 'list_writer and not fault'",
+    "binning/row_end": "tb/hdl/test_bin.py -k row_end",
+    "frame": "tb/hdl/test_memory.py tb/hdl/test_proofs.py -k 'slower or (proved and frame)'",
+    "lib/counters": "tb/hdl/test_lib.py -k 'counted or counters'",
+    "lib/credit": "tb/hdl/test_proofs.py tb/hdl/test_stream.py "
+    "-k '(credit or invariants) and not fault'",
+    "lib/latency": "tb/hdl/test_float.py -k one_side",
+    "lib/holds": "tb/hdl/test_stream.py -k 'invariants or simulation or enough'",
     "lib/shift": "tb/hdl/test_float.py -k 'every_pair or every_triple or conversions'",
-    "lib/stream": "tb/hdl/test_stream.py",
-    "memory/axi": "tb/hdl/test_axi.py",
-    "memory/bus": "tb/hdl/test_axi.py",
-    "memory/fetch": "tb/hdl/test_fetch.py",
+    "lib/stream": "tb/hdl/test_stream.py tb/hdl/test_proofs.py "
+    "-k 'pace or wrong_bit or (proved and stream)'",
+    "memory/axi": MASTER,
+    "memory/bus": MASTER,
+    "memory/fetch": "tb/hdl/test_model_reader.py -k 'models or positions'",
     "memory/share": "tb/hdl/test_groups.py",
     "memory/store": "",
-    "memory/turns": "tb/hdl/test_axi.py",
-    "memory/words": "tb/hdl/test_words.py",
+    "memory/turns": MASTER,
+    "memory/words": "tb/hdl/test_memory.py -k 'bursts or neighbours or kept'",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",
     "points": STAGE.format("project"),
     "points/array": STAGE.format("cull or place or project"),
     "points/check": "tb/hdl/test_check.py",
-    "points/chunk": "tb/hdl/test_chunk.py -k mixed",
-    "points/codebook": "tb/hdl/test_codebook.py -k equals",
-    "points/compensation": "tb/hdl/test_compensation.py -k equal",
+    "points/codebook": "tb/hdl/test_colour.py -k from_the_array",
+    "points/compensation": "tb/hdl/test_colour.py -k compensated",
     "points/colour": "tb/hdl/test_colour.py",
     "points/load": "tb/hdl/test_model_reader.py",
-    "points/look_up": "tb/hdl/test_codebook.py",
+    "points/look_up": "tb/hdl/test_colour.py -k from_the_array",
     "points/model_reader": "tb/hdl/test_model_reader.py",
     "points/position": STAGE.format("cull"),
     "points/preprocess": "",
-    **{f"points/{name}": STAGE.format(name) for name in PARTS if name != "chunk"},
+    **{f"points/{name}": STAGE.format(name) for name in PARTS},
     "raster": BLENDED,
-    "raster/features": "tb/hdl/test_holds.py -k unrequested",
+    "raster/features": "tb/hdl/test_stream.py -k unrequested",
     "raster/finished": "tb/hdl/test_finished.py",
     "raster/groups": "tb/hdl/test_groups.py",
     "raster/list_reader": "",
@@ -64,11 +70,14 @@ QUICK = {
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
     "raster/render": "",
     "raster/setup": "tb/hdl/test_raster.py -k 'tiles or other_end'",
-    "registers": "tb/hdl/test_axi.py -k registers",
+    "registers": "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
+    "-k 'registers or (proved and (axi_lite or host))'",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
-    "sorting/cascade": "tb/hdl/test_cascade.py",
+    "sorting/cascade": "tb/hdl/test_subsort.py -k 'cascade or one_entry'",
+    "sorting/sorter": "tb/hdl/test_proofs.py -k 'sorter and not fault'",
     "sorting/deal": "tb/hdl/test_deal.py -k 'not found'",
-    "sorting/subsort": "tb/hdl/test_subsort.py -k 'equals or two_cycles or drop'",
+    "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_proofs.py "
+    "-k 'trees or two_cycles or (proved and subsort)'",
 }
 """Quick tests of a file or of a folder's files, as arguments of pytest; "" for none."""
 
