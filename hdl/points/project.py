@@ -73,6 +73,11 @@ class Project(wiring.Component):
             self.colour = Colour(config, rounds, self.plan.interval)
         else:
             self.colour = LookUp(config)
+            if self.colour.interval > self.plan.interval:
+                raise ValueError(
+                    f"preset {config.name}: colours are looked up in {self.colour.interval} "
+                    f"cycles, but a Gaussian begins every {self.plan.interval}"
+                )
             # The codebook's answer is sampled in the last cycle before the round that needs it.
             self.ask = self.round["colour"] * self.plan.interval - 2 - self.colour.latency
             if self.ask < 0:

@@ -209,4 +209,7 @@ def test_a_small_memory_is_refused():
         Codebook(Config(name="SMALL", codebook=DEFAULT.codebook // 2))
     with pytest.raises(ValueError, match="slots"):
         Project(replace(DEFAULT, projection_slots=512))
+    *_, many = ARRAYS
+    with pytest.raises(ValueError, match=r"looked up in 10 cycles.*every 8"):
+        Project(replace(many, pes=9))
     gc.collect()  # or Amaranth warns of the unused component during some other test
