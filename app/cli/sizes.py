@@ -117,7 +117,7 @@ def memories_command(config: Config = PRESET) -> dict:
         ]
         rows += [{"stage": name} | each | {"size": _kilobytes(each)} for each in facts[name]]
     total = sum(row["size"] for row in rows)
-    rows.append({"stage": "all", "size": total})
+    rows.append(dict.fromkeys(("words", "bits", "count")) | {"stage": "all", "size": total})
     shown = [
         Column("stage"),
         *columns(Memory, "words bits count"),
