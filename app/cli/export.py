@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from splatcore.app.cli import describe, options
-from splatcore.app.cli.options import option
+from splatcore.app.cli.options import listed, option
 from splatcore.model.export.loss import UNITS, losses
 from splatcore.model.export.writers import WRITERS, find_writer, prepared
 from splatcore.model.formats.read import read_scene
@@ -24,7 +24,7 @@ COLUMNS = (Column("field"), Column("largest error"), Column("rms"), Column("unit
 def export_command(
     view: options.Viewing,
     scene: str = options.SOURCE,
-    output: Path = option(..., "FILE", f"Scene file to write: {', '.join(WRITERS)}."),
+    output: Path = option(..., "FILE", f"Scene file to write: {listed(WRITERS)}."),
 ) -> dict:
     """Write a scene or packed model as a scene file for other tools.
 

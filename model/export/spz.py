@@ -47,7 +47,9 @@ def fraction_bits(position: np.ndarray, path: str | os.PathLike) -> int:
     _, bits = np.frexp(largest * (1 + 2.0**-22))  # whole bits, after rounding
     fraction = min(POSITION_BITS - 1 - int(bits), FRACTION_MAX)
     if fraction < 1:
-        raise input_error(path, f"a position of {largest:g} is beyond SPZ's ± 2²²; use another format")
+        raise input_error(
+            path, f"a position of {largest:g} is beyond SPZ's ± 2²²; use another format"
+        )
     return fraction
 
 
