@@ -96,9 +96,9 @@ def test_a_failure_leaves_the_old_file(capsys):
 def test_python(tmp_path):
     scene = splatcore.open_scene("scene.ply")
     model = splatcore.open_scene("scene.splatcore")
-    for thing in (scene, model):
-        found = splatcore.export(tmp_path / "a.spz", thing)
-        assert len(read_scene(tmp_path / "a.spz")) <= len(thing)
+    for source in (scene, model):
+        found = splatcore.export(tmp_path / "a.spz", source)
+        assert len(read_scene(tmp_path / "a.spz")) <= len(source)
         assert 0 < found["position"]["rms"] <= found["position"]["largest"] < 1e-4
     for call, message in (
         (lambda: splatcore.export("a.png", scene), r"a\.png: must end in"),
