@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
@@ -11,12 +10,12 @@ def unpacked(model: PackedModel) -> Scene:
     """Return the scene of a packed model, as the machine reads it.
 
     L = U·S·Vᵀ gives the covariance L·Lᵀ = U·S²·Uᵀ: U holds the axes, S their standard deviations.
-    Gaussians below opacity 1/255, which pad chunks and which no renderer draws, are left out.
+    Copies that pad a chunk are Gaussians of size 0 and opacity just above 1/255; the machine draws
+    them, so they are kept.
     """
     from scipy.spatial.transform import Rotation
 
     found = model.gaussians()
-    found = found[found.opacity >= ALPHA_MIN]
     axes, scale, _ = np.linalg.svd(found.factor)
     axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a reflection
     quaternion = np.zeros((len(found), 4))

@@ -80,6 +80,7 @@ def test_ply(tmp_path, count, degree):
     check(stored.quaternion, scene.quaternion, rtol=half)
     check(stored.opacity, scene.opacity, rtol=6 * half)
     assert stored.antialiased == scene.antialiased
+    assert stored.quaternion[0].tolist() == [1, 0, 0, 0]  # no rotation
 
 
 @pytest.mark.parametrize(("count", "degree"), CASES)
@@ -136,7 +137,7 @@ def test_spz_stands_in_rub_and_says_so(tmp_path):
 
 def test_spz_range(tmp_path):
     """Fractional bits follow the extent; what is beyond the range of other fields saturates."""
-    for largest, bits in ((0, 23), (0.49, 24), (0.5, 23), (1, 22), (300, 14), (4e6, 1)):
+    for largest, bits in ((0, 23), (0.49, 24), (0.5, 23), (1 - 1e-9, 22), (300, 14), (4e6, 1)):
         position = np.array([[largest, -largest, 0]])
         assert fraction_bits(position, "") == bits
         assert np.abs(np.rint(position * 2**bits)).max() < 2**23
@@ -228,23 +229,24 @@ def test_order_follows_a_curve():
 
 @pytest.mark.parametrize("quality", ["compact", "balanced", "faithful"])
 def test_a_packed_model_is_unpacked(quality):
-    """The same covariances, needles and flat Gaussians included; padding is left out."""
+    """The same covariances, those of needles, flat Gaussians and padding included."""
     scene = cloud(0, count=300, degree=1)
     scene.scale[:20] = [1, 1e-5, 1e-5]
     scene.scale[20:40, 2] = 0
+    scene.position[-9:] *= 1e5  # floaters: padding fills the chunk before theirs
     model, report = pack(replace(scene, antialiased=True), quality=quality)
     found, exact = unpacked(model), model.gaussians()
-    kept = exact[exact.opacity >= 1 / 255]
-    assert len(found) == len(kept) <= report.packed + 255 and found.antialiased
+    assert len(found) == len(model) == report.packed + report.padding and report.padding
+    assert found.antialiased and np.array_equal(found.opacity, exact.opacity)
     factor = found.gaussians().factor
     covariance = factor @ factor.transpose(0, 2, 1)
-    wanted = kept.factor @ kept.factor.transpose(0, 2, 1)
+    wanted = exact.factor @ exact.factor.transpose(0, 2, 1)
     size = np.abs(wanted).max(axis=(1, 2), keepdims=True)
     assert (np.abs(covariance - wanted) <= 1e-13 * size).all()
     rotation = rotation_matrix(found.quaternion)
-    thin = np.linalg.norm(np.linalg.solve(rotation, kept.factor), axis=2)  # |Uᵀ·L| by rows
+    thin = np.linalg.norm(np.linalg.solve(rotation, exact.factor), axis=2)  # |Uᵀ·L| by rows
     np.testing.assert_allclose(thin, found.scale, atol=1e-14 * np.sqrt(size).max())
-    assert np.array_equal(found.position, kept.position) and np.array_equal(found.sh, kept.sh)
+    assert np.array_equal(found.position, exact.position) and np.array_equal(found.sh, exact.sh)
 
 
 @pytest.mark.parametrize("suffix", WRITERS)
