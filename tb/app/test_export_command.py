@@ -40,8 +40,10 @@ def test_every_format(source, suffix, capsys):
     assert len(stored) == facts["gaussians"] and stored.sh_degree == facts["sh_degree"] == 1
     assert facts["format"] == WRITERS[suffix].name
     assert f"picture of out{suffix} against that of {source}" in printed
-    least = 60 if suffix in (".ply", ".glb") else 30
-    assert facts["psnr_db"] is None or facts["psnr_db"] >= least
+    if suffix in (".ply", ".glb"):
+        assert facts["psnr_db"] is None or facts["psnr_db"] >= 60
+    else:
+        assert 30 <= facts["psnr_db"] < 80
     assert all(name in printed for name in facts["losses"])
 
 
