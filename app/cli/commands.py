@@ -48,6 +48,10 @@ COMMANDS = {
         "pack", PACK, "Pack a scene into a model for the machine, and measure the loss.",
         "garden -o garden.splatcore",
     ),
+    "export": Entry(
+        "export", PACK, "Write a scene or packed model as a scene file for other tools.",
+        "garden -o garden.spz --size 640x360",
+    ),
     "render": Entry(
         "render", RENDER, "Render a picture, or one per camera, and count the work in it.",
         "garden --engine golden -o garden.png",

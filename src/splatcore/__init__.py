@@ -20,6 +20,7 @@ _FROM = {
     "compare": "app.python.frames",
     "cycles": "app.python.frames",
     "write": "app.python.files",
+    "export": "app.python.files",
     "InputError": "spec.error",
 }
 
