@@ -117,6 +117,9 @@ def _tables(
     table = np.frombuffer(data, kind, count, begin)
     if level == 0 or not count:
         return table, None, end
+    if buckets != int(section["full"]) + partial:
+        claim = f"{section['full']} full and {partial} other buckets"
+        raise input_error(where, f"has {buckets} buckets, not {claim}")
     if stride != 12:
         raise input_error(where, f"centres of buckets have {stride} bytes, not 12")
     centres = np.frombuffer(data, "<f4", 3 * buckets, start + 4 * partial).reshape(-1, 3)
@@ -135,10 +138,7 @@ def _buckets(section: np.void, lengths: np.ndarray, where: str) -> np.ndarray:
         raise input_error(where, f"its buckets hold {held} of {count} Gaussians")
     index = np.arange(count)
     others = full + np.searchsorted(ends, index, side="right")
-    found = np.where(index < capacity * full, index // max(capacity, 1), others)
-    if (last := int(found.max())) >= section["buckets"]:
-        raise input_error(where, f"bucket {last} is not among its {section['buckets']} buckets")
-    return found
+    return np.where(index < capacity * full, index // max(capacity, 1), others)
 
 
 def _scene(

@@ -122,13 +122,13 @@ def find_format(path: str | os.PathLike) -> Format:
     """The format of a file; raises InputError for an unknown one."""
     path = scene_file(path)
     start, name = _start(path), os.path.basename(path).lower()
-    for format in FORMATS:
-        if start.startswith(format.starts) or (format.suffix and name.endswith(format.suffix)):
-            return format
     for suffix, (kind, way) in OTHERS.items():
         if name.endswith(suffix):
             to_do = way.format(file=os.path.basename(path))
             raise input_error(path, f"is {kind}, which is not read; convert it: {to_do}")
+    for format in FORMATS:
+        if start.startswith(format.starts) or (format.suffix and name.endswith(format.suffix)):
+            return format
     *names, last = dict.fromkeys(format.name for format in FORMATS)
     raise input_error(path, f"is not a {', '.join(names)} or {last} file")
 

@@ -86,12 +86,10 @@ def _parts(meta: dict, level: int, units: int, path: str | os.PathLike) -> list[
     for part, other in pairwise(parts):
         if part.unit == other.unit and other.start < part.end:
             raise input_error(path, f"level {level}: leaves overlap in file {part.unit}")
-    held = [sum(part.end - part.start for part in parts)]
-    stated = file.field(meta, "counts", list, path, [])[level : level + 1]
-    if "counts" in meta and stated != held:
-        raise input_error(
-            path, f"'counts' is {str(stated)[:40]} at level {level}, its leaves hold {held}"
-        )
+    held = sum(part.end - part.start for part in parts)
+    counts = file.field(meta, "counts", list, path, [])
+    if "counts" in meta and counts[level : level + 1] != [held]:
+        raise input_error(path, f"level {level}: leaves hold {held} Gaussians, 'counts' differs")
     return parts
 
 
