@@ -45,7 +45,7 @@ def read(path: str | os.PathLike, level: int | None = None) -> Scene:
         for piece in _pieces(path, units[unit], list(pieces))
     ]
     held = sum(map(len, scenes))
-    notes = (f"level of detail {level} of 0 … {levels - 1}, by --lod: {held} Gaussians",)
+    notes = (f"level of detail {level} of 0 … {levels - 1} (see --lod): {held} Gaussians",)
     if name := file.field(meta, "environment", str, path, ""):
         scenes.append(sog.read(beside(path, name)))
         notes += (f"environment of {len(scenes[-1])} Gaussians added",)

@@ -146,7 +146,7 @@ def test_streamed(tmp_path):
             assert not some.sh[:, held:].any()
         count = (11, 3)[lod or 0]
         assert scene.notes[:2] == (
-            f"level of detail {lod or 0} of 0 … 1, by --lod: {count} Gaussians",
+            f"level of detail {lod or 0} of 0 … 1 (see --lod): {count} Gaussians",
             "environment of 4 Gaussians added",
         )
         check_equal(read_scene(tmp_path / "lod-meta.json", lod=lod), scene)
