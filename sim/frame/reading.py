@@ -33,7 +33,6 @@ class Marks:
         "front) as in a PLY. Default: RUB, the format's own.",
         panel=SCENE,
     )
-
     lod: int | None = option(
         None,
         "N",
