@@ -52,7 +52,7 @@ OTHERS = {
     ".lcc": ("an LCC scene of XGRIDS", _ST),
     ".lcc2": ("an LCC 2 scene of XGRIDS", _ST),
     ".mjs": ("a generator for splat-transform", _ST),
-    ".spx": ("an SPX scene of Reall3D", "gsbox x2p -i {file} -o scene.ply"),
+    ".spx": ("an SPX scene of Reall3D", "gsbox -i {file} -o scene.ply"),
     ".ssproj": ("a project of SuperSplat", "open it there and export a PLY"),
     ".psht": ("a project of Postshot", "open it there and export a PLY"),
     ".ckpt": ("a checkpoint of nerfstudio", "ns-export gaussian-splat"),

@@ -8,7 +8,7 @@ from tb.helpers.scene_file import check_bad_scene, check_refused, read_written, 
 LINES = {
     "meta.lcc": "an LCC scene of XGRIDS, which is not read; convert it: splat-transform meta.lcc ",
     "meta.LCC2": "is an LCC 2 scene of XGRIDS, which is not read; convert it: splat-transform ",
-    "a.spx": "is an SPX scene of Reall3D, which is not read; convert it: gsbox x2p -i a.spx",
+    "a.spx": "is an SPX scene of Reall3D, which is not read; convert it: gsbox -i a.spx",
     "a.ssproj": "is a project of SuperSplat, which is not read; convert it: open it there and",
     "a.psht": "is a project of Postshot",
     "a.ckpt": "is a checkpoint of nerfstudio, which is not read; convert it: ns-export",
