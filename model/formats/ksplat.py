@@ -46,6 +46,9 @@ RANGE = 1.5  # of harmonics of 8 bits, where the header states 0
 
 DEGREE_MAX = 2
 
+SECTIONS_MAX = 1 << 14
+"""Largest accepted number of sections; writers make one by default."""
+
 _TYPES = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))
 """Types of positions, scales and quaternions, harmonics by level."""
 
@@ -64,6 +67,8 @@ def read(path: str | os.PathLike) -> Scene:
         raise input_error(path, f"compression level {level} is not 0, 1 or 2")
     file.check_count(claimed, path)
     number = int(header["sections"])
+    if number > SECTIONS_MAX:
+        raise input_error(path, f"{number} sections are more than {SECTIONS_MAX}")
     start = HEADER.itemsize + number * SECTION.itemsize
     if start > len(data):
         raise input_error(path, f"headers of {number} sections do not fit in {len(data)} bytes")
