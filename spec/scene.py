@@ -1,5 +1,6 @@
 """A scene as stored in files, and the Gaussians that renderers take."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -100,6 +101,18 @@ class Scene:
         rotation = rotation_matrix(self.quaternion)  # [N, 3, 3]
         factor = rotation * self.scale[:, None, :]
         return Gaussians(self.position, factor, self.opacity, self.sh, self.antialiased)
+
+
+def joined(scenes: Sequence[Scene]) -> Scene:
+    """Join scenes into one; all but the arrays is the first one's, harmonics that a scene lacks are
+    0."""
+    most = max(scene.sh.shape[1] for scene in scenes)
+    padded = [
+        replace(scene, sh=np.pad(scene.sh, ((0, 0), (0, most - scene.sh.shape[1]), (0, 0))))
+        for scene in scenes
+    ]
+    arrays = {name: np.concatenate([getattr(each, name) for each in padded]) for name in ARRAYS}
+    return replace(scenes[0], **arrays)
 
 
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:

@@ -26,16 +26,20 @@ DEGREES = (0, 1, 2, 3)
 
 
 def open_scene(
-    path: str | os.PathLike, antialiased: bool | None = None, axes: str | None = None
+    path: str | os.PathLike,
+    antialiased: bool | None = None,
+    axes: str | None = None,
+    lod: int | None = None,
 ) -> Scene | PackedModel:
     """Open a scene or packed model.
 
-    path: a scene file (3DGS PLY, compressed PLY, SPZ, .splat, SOG), a packed model (.splatcore), an
-        output folder of INRIA's training, or the name of a generated scene ("garden" and those in
-        `splatcore scene --help`) if no file has that name
+    path: a scene file (3DGS PLY, compressed PLY, SPZ, .splat, KSPLAT, SOG) or folder (SOG), a
+        packed model (.splatcore), an output folder of INRIA's training, or the name of a generated
+        scene ("garden" and those in `splatcore scene --help`) if no file has that name
     antialiased: override of the file's mark for opacity compensation; for scenes only
     axes: directions of x, y and z in an SPZ file that does not state them, like "rdf" (right, down,
         front, as in a PLY); None: "rub", the format's own, with a note
+    lod: level of detail of a streamed SOG; None: 0, the finest
 
     Arrays of a `Scene`, float64:
         position [N, 3]: scene units
@@ -51,7 +55,9 @@ def open_scene(
         check.kind("antialiased", antialiased, bool)
     if axes is not None:
         check.kind("axes", axes, str)
-    found = source.open_source(text, Reading(antialiased, axes))
+    if lod is not None:
+        check.kind("lod", lod, int)
+    found = source.open_source(text, Reading(antialiased, axes, lod))
     if antialiased is not None:
         return replace(found.scene, mark=f"antialiased={antialiased}")
     return found.scene if found.model is None else found.model

@@ -8,7 +8,7 @@ import numpy as np
 from splatcore.model.cameras.view import NEAREST, core_of
 from splatcore.spec.camera import Camera
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import ARRAYS, Scene, sh_count
+from splatcore.spec.scene import Scene, joined
 
 View = tuple[Scene, Camera]
 
@@ -30,7 +30,6 @@ def side_by_side(
     Raises InputError if only some of the scenes in view are antialiased, and for a count below 1
     or above the number of Gaussians.
     """
-    first = views[0][0]
     _check_marks([scene for scene, _ in views])
     camera = views[0][1]
     farther = np.sqrt(len(views))
@@ -46,13 +45,8 @@ def side_by_side(
         depth = depths(behind, camera)
         parts.append(_moved(behind, -camera.rotation[2] * depth[np.isfinite(depth)].max(initial=0)))
     _cut(parts, count, behind is not None)
-    degree = max(scene.sh_degree for scene in parts)
-    for k, part in enumerate(parts):  # missing coefficients are 0
-        missing = sh_count(degree) - part.sh.shape[1]
-        parts[k] = replace(part, sh=np.pad(part.sh, ((0, 0), (0, missing), (0, 0))))
-    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
-    joined = replace(first, **arrays, name="joined", notes=())
-    return joined, replace(camera, name="joined")
+    whole = replace(joined(parts), name="joined", notes=())
+    return whole, replace(camera, name="joined")
 
 
 def depths(scene: Scene, camera: Camera) -> np.ndarray:

@@ -13,6 +13,9 @@ from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
+GZIP_MAGIC = b"\x1f\x8b\x08"
+"""Begins a gzip stream: SPZ of versions 1 to 3, and PLY as some tools write it."""
+
 EXPANSION_MAX = 1032
 """Largest accepted ratio of decoded bytes to bytes of a file: the limit of deflate itself."""
 
@@ -143,6 +146,15 @@ def array_field(table: dict, name: str, shape: tuple[int, ...], where: object) -
         return [number for part in item for number in flat(part, sides[1:])]
 
     return np.array(flat(value, shape), np.float64).reshape(shape)
+
+
+def unsigned(scale: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Linear scales [N, 3] without their signs, which covariances do not have, and a note on
+    negative ones, if any."""
+    negative = int((scale < 0).any(axis=1).sum())
+    s = "s" * (negative > 1)
+    notes = (f"{negative} Gaussian{s} with a negative scale, sign dropped",) if negative else ()
+    return np.abs(scale), notes
 
 
 def sigmoid(x: np.ndarray) -> np.ndarray:

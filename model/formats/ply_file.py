@@ -4,6 +4,7 @@ Elements with lists (such as faces) are skipped; comments may hold any bytes.
 Source: Greg Turk, "The PLY Polygon File Format" (1994).
 """
 
+import gzip
 import mmap
 import os
 import struct
@@ -16,6 +17,9 @@ from splatcore.model.formats import file
 from splatcore.model.formats.file import file_size, input_error
 
 HEADER_MAX = 1 << 16  # bytes within which a header must end
+
+GUNZIP_MAX = 100
+"""Largest accepted ratio of a PLY's size to that of its gzip stream; scenes reach about 2."""
 
 FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 """Format in a header → byte order of numpy."""
@@ -82,8 +86,9 @@ class PlyFile:
 
 def read(path: str | os.PathLike) -> PlyFile:
     """Read the content of a PLY file; raises InputError that names the faulty part."""
-    size = file_size(path)
-    header, start = _header(path)
+    data = _content(path)
+    size = len(data)
+    header, start = _header(data, path)
     form, elements, comments = _parsed(header, path)
     for element in elements:
         smallest = max(len(element.properties) * (2 if form == "ascii" else 1), 1)
@@ -91,14 +96,30 @@ def read(path: str | os.PathLike) -> PlyFile:
             claim = f"{element.count} × {len(element.properties)} values do not fit in {size} bytes"
             raise input_error(path, f"element {element.name!r}: {claim}")
     rows = _text_rows if form == "ascii" else _binary_rows
-    tables, rest = rows(path, start, elements, FORMATS[form])
+    tables, rest = rows(data, path, start, elements, FORMATS[form])
     skipped = [each.name for each in elements if each.lists and each.count]
     return PlyFile(tables, skipped, comments, form == "ascii", rest)
 
 
-def _header(path: str | os.PathLike) -> tuple[list[str], int]:
+def _content(path: str | os.PathLike) -> bytes | mmap.mmap:
+    """The bytes of a file, or those of the gzip stream that it is."""
+    size = file_size(path)
+    with file.reading(path), open(path, "rb") as opened:
+        if opened.read(len(file.GZIP_MAGIC)) != file.GZIP_MAGIC:
+            return mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
+        opened.seek(0)
+        with gzip.open(opened) as stream:
+            data = stream.read(GUNZIP_MAX * size + 1)
+    if len(data) > GUNZIP_MAX * size:
+        raise input_error(
+            path, f"unpacks to more than {GUNZIP_MAX} times its size; unpack it first"
+        )
+    return data
+
+
+def _header(data: bytes | mmap.mmap, path: str | os.PathLike) -> tuple[list[str], int]:
     """Lines of the header, decoded as Latin-1, and its size in bytes."""
-    text = file.read_bytes(path, HEADER_MAX).decode("latin-1")
+    text = data[:HEADER_MAX].decode("latin-1")
     if not text.startswith("ply"):
         raise input_error(path, "does not start with 'ply'")
     # All lines end like the first one: with LF, CR LF or CR.
@@ -150,11 +171,13 @@ def _add_property(element: Element, words: list[str], path: str | os.PathLike):
 
 
 def _binary_rows(
-    path: str | os.PathLike, start: int, elements: list[Element], order: str
+    data: bytes | mmap.mmap,
+    path: str | os.PathLike,
+    start: int,
+    elements: list[Element],
+    order: str,
 ) -> tuple[dict[str, np.ndarray], int]:
     """Read the tables of a binary file; also returns the number of bytes left."""
-    with file.reading(path), open(path, "rb") as opened:
-        data = mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
     tables = {}
     for element in elements:
         if element.lists and element.count:
@@ -172,7 +195,7 @@ def _binary_rows(
 
 
 def _behind_lists(
-    data: mmap.mmap, start: int, element: Element, order: str, path: str | os.PathLike
+    data: bytes | mmap.mmap, start: int, element: Element, order: str, path: str | os.PathLike
 ) -> int:
     """Find the offset of the first byte after an element with lists."""
     where, end = f"element {element.name!r}: lists", start
@@ -192,7 +215,9 @@ def _behind_lists(
     return end
 
 
-def _row_end(data: mmap.mmap, start: int, element: Element, order: str) -> tuple[list[int], int]:
+def _row_end(
+    data: bytes | mmap.mmap, start: int, element: Element, order: str
+) -> tuple[list[int], int]:
     """Lengths of the lists of the row at an offset, and the offset of its end."""
     lengths = []
     for kind in element.properties.values():
@@ -209,11 +234,15 @@ def _row_end(data: mmap.mmap, start: int, element: Element, order: str) -> tuple
 
 
 def _text_rows(
-    path: str | os.PathLike, start: int, elements: list[Element], order: str
+    data: bytes | mmap.mmap,
+    path: str | os.PathLike,
+    start: int,
+    elements: list[Element],
+    order: str,
 ) -> tuple[dict[str, np.ndarray], int]:
     """Read the tables of an ASCII file; also returns the number of lines left. Empty lines are
     ignored."""
-    lines = [line for line in file.read_bytes(path)[start:].splitlines() if line.strip()]
+    lines = [line for line in data[start:].splitlines() if line.strip()]
     tables, begin = {}, 0
     for element in elements:
         rows = lines[begin : begin + element.count]

@@ -1,16 +1,19 @@
 """Reading scene files of all supported formats."""
 
+import gzip
 import os
 import re
+import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from splatcore.model.formats import ply, sog, splat, spz
-from splatcore.model.formats.file import input_error, read_bytes
+from splatcore.model.formats import ksplat, ply, sog, sog_files, sog_stream, splat, spz
+from splatcore.model.formats.file import GZIP_MAGIC, input_error, read_bytes
 from splatcore.model.formats.harmonics import directions, harmonics
 from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
@@ -18,19 +21,24 @@ from splatcore.spec.scene import ARRAYS, Scene
 
 
 class Format(NamedTuple):
-    """A format of scene files, known by its first bytes, or by an extension if it has no mark."""
+    """A format of scene files, known by its first bytes, or by the end of its name if it has no
+    mark."""
 
     name: str  # for messages
     read: Callable[..., Scene]
     starts: tuple[bytes, ...] = ()  # of up to four bytes
-    suffix: str | None = None  # in lower case
+    suffix: str | None = None  # end of the name, in lower case
     axes: bool = False  # `read` takes the axes of a file that does not state them
+    lod: bool = False  # `read` takes a level of detail
 
 
 FORMATS = (
     Format("PLY", ply.read, (b"ply\n", b"ply\r")),
-    Format("SPZ", spz.read, (spz.SPZ_MAGIC, spz.GZIP_MAGIC), axes=True),
+    Format("SPZ", spz.read, (spz.SPZ_MAGIC, GZIP_MAGIC), axes=True),
     Format("SOG", sog.read, (b"PK\x03\x04",)),
+    Format("SOG", sog_stream.read, suffix=sog_stream.META, lod=True),
+    Format("SOG", sog.read, suffix=sog_files.META),
+    Format("KSPLAT", ksplat.read, suffix=".ksplat"),
     Format(".splat", splat.read, suffix=".splat"),
 )
 """The formats, in the order in which they are tried.
@@ -39,37 +47,57 @@ FORMATS = (
 hold NaN and Inf; the caller silences numpy's warnings about them.
 """
 
+_ST = "splat-transform {file} scene.ply"
+OTHERS = {
+    ".lcc": ("an LCC scene of XGRIDS", _ST),
+    ".lcc2": ("an LCC 2 scene of XGRIDS", _ST),
+    ".mjs": ("a generator for splat-transform", _ST),
+    ".spx": ("an SPX scene of Reall3D", "gsbox -i {file} -o scene.ply"),
+    ".ssproj": ("a project of SuperSplat", "open it there and export a PLY"),
+    ".psht": ("a project of Postshot", "open it there and export a PLY"),
+    ".ckpt": ("a checkpoint of nerfstudio", "ns-export gaussian-splat"),
+    "tileset.json": ("a 3D Tiles set", "open one of its .glb tiles"),
+}
+"""Scenes that are known but not read, by the end of their names: name, and how to convert them."""
+
 TRAINED = "point_cloud/iteration_*/point_cloud.ply"
 """Scenes in the output folder of INRIA's training."""
 
 NORM_RANGE = (1e-3, 1e3)  # usual norms of quaternions, which training does not normalise
 
 
-def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
+def read_scene(path: str | os.PathLike, axes: str | None = None, lod: int | None = None) -> Scene:
     """Read a scene; its `name` is the file's path, its `notes` count unusual Gaussians.
 
-    path: file of any of `FORMATS`, or output folder of INRIA's training
+    path: file of any of `FORMATS`, folder of an unbundled or streamed SOG, or output folder of
+        INRIA's training
     axes: one of `spz_axes.AXES`, for an SPZ file that does not state its axes (default: RUB)
+    lod: level of detail of a streamed SOG (default: 0, the finest)
 
-    Raises InputError for an unknown format, a malformed file, and axes for a file whose axes are
-    known.
+    Raises InputError for an unknown format, a malformed file, axes for a file whose axes are known,
+    and a level of detail for a file without them.
     """
     file = scene_file(path)
     format = find_format(file)
-    check_axes(file, axes)
+    check_choices(file, axes, lod)
+    choices = [choice for choice in (axes, lod) if choice is not None]
     with np.errstate(all="ignore"):  # NaN and Inf are noted instead
-        scene = format.read(file, axes) if axes else format.read(file)
+        scene = format.read(file, *choices)
         return replace(scene, notes=scene.notes + _notes(scene))
 
 
-def check_axes(path: str | os.PathLike, axes: str | None):
-    """Raise InputError if axes are given for a file that is not SPZ."""
-    if axes and not find_format(path).axes:
+def check_choices(path: str | os.PathLike, axes: str | None, lod: int | None):
+    """Raise InputError if axes or a level are given for a file of a format without this choice."""
+    format = find_format(path)
+    if axes and not format.axes:
         raise input_error(path, f"--axes {axes}: only SPZ files have a choice of axes")
+    if lod is not None and not format.lod:
+        raise input_error(path, f"--lod {lod}: only a streamed SOG has levels of detail")
 
 
 def scene_file(path: str | os.PathLike) -> str | os.PathLike:
-    """The file of a scene; in an output folder of INRIA's training, that of the last iteration."""
+    """The file of a scene; in an output folder of INRIA's training, that of the last iteration; in
+    a folder of SOG, its JSON file."""
     if not os.path.isdir(path):
         return path
     found = {
@@ -77,20 +105,42 @@ def scene_file(path: str | os.PathLike) -> str | os.PathLike:
         for file in Path(path).glob(TRAINED)
         if (number := re.fullmatch(r"iteration_(\d+)", file.parent.name))
     }
-    if not found:
-        raise input_error(path, f"is a directory without {TRAINED.replace('*', 'N')}")
-    return found[max(found)]
+    if found:
+        return found[max(found)]
+    metas = sog_stream.META, sog_files.META
+    for name in metas:
+        if os.path.exists(file := Path(path, name)):
+            return file
+    for suffix in OTHERS:
+        if file := next(Path(path).glob(f"*{suffix}"), None):
+            return file
+    names = ", ".join((TRAINED.replace("*", "N"), *metas))
+    raise input_error(path, f"is a directory without any of {names}")
 
 
 def find_format(path: str | os.PathLike) -> Format:
     """The format of a file; raises InputError for an unknown one."""
     path = scene_file(path)
-    start, suffix = read_bytes(path, 4), Path(path).suffix.lower()
+    start, name = _start(path), os.path.basename(path).lower()
+    for suffix, (kind, way) in OTHERS.items():
+        if name.endswith(suffix):
+            to_do = way.format(file=os.path.basename(path))
+            raise input_error(path, f"is {kind}, which is not read; convert it: {to_do}")
     for format in FORMATS:
-        if start.startswith(format.starts) or suffix == format.suffix:
+        if start.startswith(format.starts) or (format.suffix and name.endswith(format.suffix)):
             return format
-    *names, last = (format.name for format in FORMATS)
+    *names, last = dict.fromkeys(format.name for format in FORMATS)
     raise input_error(path, f"is not a {', '.join(names)} or {last} file")
+
+
+def _start(path: str | os.PathLike) -> bytes:
+    """The first four bytes of a file, or those of a PLY in its gzip stream."""
+    start = read_bytes(path, 4)
+    if start.startswith(GZIP_MAGIC):
+        with suppress(OSError, EOFError, zlib.error), gzip.open(path) as stream:
+            if (inside := stream.read(4)).startswith(b"ply"):
+                return inside
+    return start
 
 
 COLOUR_MAX = 2.0**COLOUR_INTEGER

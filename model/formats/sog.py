@@ -1,4 +1,4 @@
-"""SOG scenes (a zip of meta.json and WebP images), versions 1 and 2.
+"""SOG scenes (meta.json and WebP images, in a zip archive or in a folder), versions 1 and 2.
 
 Source: PlayCanvas, "The SOG Format". Pixel i of an image, row by row, belongs to Gaussian i.
 Version 2 looks up bytes in a codebook; version 1 maps them linearly to `mins` … `maxs`.
@@ -7,7 +7,6 @@ Version 2 looks up bytes in a codebook; version 1 maps them linearly to `mins` �
 import io
 import json
 import os
-import zipfile
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from PIL import Image
 
 from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
+from splatcore.model.formats.sog_files import META, Unbundled, Zipped, open_files
 from splatcore.spec.scene import Scene
 
 PALETTE_ROW = 64  # SH vectors per row of the centroids image
@@ -32,17 +32,19 @@ _COEFFICIENTS = {1: 3, 2: 8, 3: 15}  # SH degree → coefficients per channel be
 
 @dataclass(frozen=True)
 class Sog:
-    """An open SOG file."""
+    """An open SOG scene."""
 
-    path: str | os.PathLike
-    size: int  # bytes of the file
-    archive: zipfile.ZipFile
+    files: Zipped | Unbundled
     meta: dict  # content of meta.json
     version: int
 
+    @property
+    def path(self) -> str | os.PathLike:
+        return self.files.path
+
     def section(self, name: str) -> tuple[dict, str]:
         """An object of meta.json, and its location for messages."""
-        return file.field(self.meta, name, dict, f"{self.path}: meta.json"), f"{self.path}: {name}"
+        return file.field(self.meta, name, dict, self.files.where(META)), f"{self.path}: {name}"
 
     def pixels(self, name: str, index: int = 0) -> np.ndarray:
         """Image `index` of a section as uint8 [height, width, 4]."""
@@ -51,13 +53,12 @@ class Sog:
         if index >= len(files):
             raise input_error(where, f"'files' has {len(files)} entries, not {index + 1}")
         name = file.checked(files[index], str, f"{where}: 'files'")
-        data = _entry(self.archive, name, self.path, self.size)
-        where = f"{self.path}: {name}"
+        data, where = self.files.read(name), self.files.where(name)
         with file.reading(where, "is not a WebP or PNG image"):
             image = Image.open(io.BytesIO(data), formats=("WEBP", "PNG"))
         if image.mode not in ("RGB", "RGBA"):
             raise input_error(where, f"has pixels of mode {image.mode}, not RGB or RGBA")
-        file.check_expansion(4 * image.width * image.height, self.size, where)
+        file.check_expansion(4 * image.width * image.height, self.files.size, where)
         with file.reading(where, "is a broken image"):
             return np.asarray(image.convert("RGBA"))  # a missing alpha becomes 255
 
@@ -75,16 +76,12 @@ class Sog:
 
 
 def read(path: str | os.PathLike) -> Scene:
-    """Read the scene of a SOG file."""
-    data = file.read_bytes(path)
-    with file.reading(path, "is not a zip archive"):
-        archive = zipfile.ZipFile(io.BytesIO(data))
-    text = _entry(archive, "meta.json", path, len(data))
-    meta = file.checked(file.parse_json(text, f"{path}: meta.json"), dict, f"{path}: meta.json")
+    """Read the scene of a SOG file, or of a meta.json with its images in the same folder."""
+    files, meta = open_files(path)
     version = file.field(meta, "version", int, path, default=1)
     if version not in (1, 2):
         raise input_error(path, f"SOG version {version} is not supported")
-    sog = Sog(path, len(data), archive, meta, version)
+    sog = Sog(files, meta, version)
     images = {name: sog.pixels(name) for name in ("means", "quats", "scales", "sh0")}
     images["means, upper bytes"] = sog.pixels("means", 1)
     labels = None
@@ -131,19 +128,6 @@ def _marked(scene: Scene, meta: dict) -> Scene:
     return scene
 
 
-def _entry(archive: zipfile.ZipFile, name: str, path: str | os.PathLike, size: int) -> bytes:
-    """Read a file of the archive, checking its declared size before unpacking."""
-    if name not in archive.namelist():
-        raise input_error(path, f"no {name}")
-    where = f"{path}: {name}"
-    info = archive.getinfo(name)
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise input_error(where, f"zip compression {info.compress_type} is not supported")
-    file.check_expansion(info.file_size, size, where)
-    with file.reading(where):
-        return archive.read(info)
-
-
 def _codebook(section: dict, where: str) -> np.ndarray:
     """The codebook of a section, up to 256 numbers."""
     numbers = list(file.field(section, "codebook", list, where))
@@ -159,7 +143,7 @@ def _codebook(section: dict, where: str) -> np.ndarray:
 def _count(sog: Sog) -> int:
     """The number of Gaussians."""
     if sog.version == 2:
-        return file.field(sog.meta, "count", int, f"{sog.path}: meta.json")
+        return file.field(sog.meta, "count", int, sog.files.where(META))
     means, where = sog.section("means")
     shape = file.field(means, "shape", list, where)
     if not shape:

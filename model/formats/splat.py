@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 
+from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error, read_bytes
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.scene import Scene
@@ -22,10 +23,7 @@ def read(path: str | os.PathLike) -> Scene:
         raise input_error(path, f"{len(data)} bytes are not a multiple of {RECORD.itemsize}")
     record = np.frombuffer(data, RECORD)
     colour = record["colour"].astype(np.float64) / 255
-    # A negative scale gives the covariance of its absolute value.
-    negative = int((record["scale"] < 0).any(axis=1).sum())
-    s = "s" * (negative > 1)
-    notes = (f"{negative} Gaussian{s} with a negative scale, sign dropped",) if negative else ()
+    scale, notes = file.unsigned(record["scale"])
     quaternion = (record["quaternion"].astype(np.float64) - 128) / 128
-    sh, scale = ((colour[:, :3] - 0.5) / SH_C0)[:, None, :], np.abs(record["scale"])
+    sh = ((colour[:, :3] - 0.5) / SH_C0)[:, None, :]
     return Scene(record["position"], scale, quaternion, colour[:, 3], sh, os.fspath(path), notes)

@@ -11,6 +11,7 @@ import struct
 import tempfile
 import zlib
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,11 +24,11 @@ from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
-GZIP_MAGIC = b"\x1f\x8b\x08"
-"""Begins a file of version 1 to 3: one gzip stream, header and sections."""
-
 SPZ_MAGIC = b"NGSP"
-"""Begins a header: inside the gzip stream, or a file of version 4 (one zstd stream per section)."""
+"""Begins a header: inside the gzip stream of version 1 to 3 (header and sections), or a file of
+version 4 (one zstd stream per section)."""
+
+DEGREE_MAX = 4  # of files; degree 4 is left out
 
 FRACTION_MAX = 24  # largest number of fractional bits of a position, which has 24 bits
 
@@ -43,9 +44,6 @@ EXTENSION_MAX = 1 << 20  # bytes that may follow the sections of a gzip stream
 COORDINATES = 0xADBE0003
 """Type of the extension SPZ_ADOBE_coordinate_system: the axes of the file, one uint32."""
 
-PLY_MAGIC = b"ply"
-"""Begins a PLY, which some tools write as a gzip stream."""
-
 
 @dataclass(frozen=True)
 class Header:
@@ -56,6 +54,11 @@ class Header:
     degree: int  # of the harmonics
     fraction: int  # fractional bits of a position
     flags: int
+
+    @property
+    def foreign(self) -> bool:
+        """Whether gsply cannot decode the file as it is."""
+        return self.version == 1 or self.degree > SH_DEGREE_MAX
 
     @property
     def sections(self) -> list[int]:
@@ -73,7 +76,7 @@ class Content(NamedTuple):
     """The checked content of a file."""
 
     header: Header
-    sections: bytes  # of version 1 to 3
+    sections: bytes  # of version 1 to 3, and of version 4 if gsply cannot decode it
     records: bytes  # of extensions
     rest: int = 0  # number of bytes that belong to none of these
 
@@ -87,21 +90,23 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
     data = file.read_bytes(path)
     if data.startswith(SPZ_MAGIC):
         content = _check_streams(data, path)
-    elif data.startswith(GZIP_MAGIC):
+    elif data.startswith(file.GZIP_MAGIC):
         content = _gunzip(data, path)
     else:
         raise input_error(path, "is not an SPZ file")
     header, payload = content.header, content.sections
     stated, records = _stated_axes(header, content.records, path)
-    if payload and records:
+    if header.version < 4 and records:
         _check_surplus(header, len(records), path)
     if axes and stated:
         raise input_error(path, f"--axes {axes}: the file states its axes, {stated}")
-    scene = _read_version_1(header, payload, path) if header.version == 1 else _decode(path, path)
+    scene = _decode_copy(header, payload, path) if header.foreign else _decode(path, path)
     scene = turned(scene, stated or axes or SPZ_AXES)
     if header.flags & ANTIALIASED:
         scene = replace(scene, antialiased=True, mark="SPZ flag")
     notes = file.surplus(content.rest + len(records))
+    if header.degree > SH_DEGREE_MAX:
+        notes += (f"harmonics of degree {header.degree} left out; kept up to {SH_DEGREE_MAX}",)
     if not stated:
         by = "by --axes" if axes else "the format's default; choose others by --axes"
         notes += (f"the SPZ file does not state its axes; read as {axes or SPZ_AXES}, {by}",)
@@ -110,14 +115,12 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
 
 def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
     """Parse and check the first 16 bytes, common to all versions."""
-    if data.startswith(PLY_MAGIC):
-        raise input_error(path, "is a PLY in a gzip stream; unpack it first, e.g. with gunzip")
     if len(data) < 16 or not data.startswith(SPZ_MAGIC):
         raise input_error(path, "has no SPZ header")
     header = Header(*struct.unpack_from("<IIBBB", data, 4))
     if header.version not in versions:
         raise input_error(path, f"SPZ version {header.version} is not supported")
-    if header.degree > SH_DEGREE_MAX:
+    if header.degree > DEGREE_MAX:
         raise input_error(path, f"SH degree {header.degree} is not supported")
     if not 1 <= header.fraction <= FRACTION_MAX:
         raise input_error(path, f"{header.fraction} fractional bits, not 1 … {FRACTION_MAX}")
@@ -166,7 +169,7 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
     streams, toc = struct.unpack_from("<BI", data, 15)
     if streams != len(header.sections):
         raise input_error(path, f"{streams} streams, not {len(header.sections)} of {header}")
-    start = toc + 16 * streams
+    start, sections = toc + 16 * streams, b""
     if toc < 32 or start > len(data):
         raise input_error(path, f"table of contents at byte {toc} is outside the file")
     for index, size in enumerate(header.sections):
@@ -180,8 +183,19 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
             content = zstandard.frame_content_size(data[start : start + stored])
         if content not in (-1, size):
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
+        if header.foreign:
+            sections += _unpacked(data[start : start + stored], size, f"{path}: stream {index}")
         start += stored
-    return Content(header, b"", data[32:toc], len(data) - start)
+    return Content(header, sections, data[32:toc], len(data) - start)
+
+
+def _unpacked(stream: bytes, size: int, where: str) -> bytes:
+    """The `size` bytes of a zstd stream."""
+    with file.reading(where):
+        found = zstandard.ZstdDecompressor().decompress(stream, max_output_size=size)
+    if len(found) != size:
+        raise input_error(where, f"holds {len(found)} bytes, not {size}")
+    return found
 
 
 def _stated_axes(
@@ -206,22 +220,30 @@ def _stated_axes(
     return axes, records
 
 
-def _read_version_1(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:
-    """Read a file of version 1: version 2 with half-float positions, which gsply does not support.
-
-    gsply decodes everything else, from a temporary file of version 2 with zeros for positions.
+def _decode_copy(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:
+    """Decode sections that gsply does not support from a temporary file in which they are replaced:
+    half-float positions (version 1) by zeros, harmonics of degree 4 by their first three degrees.
     """
-    count, size = header.count, header.sections[0]
-    position = np.frombuffer(payload[:size], "<f2").reshape(count, 3).astype(np.float64)
-    start = SPZ_MAGIC + struct.pack("<IIBBxx", 2, count, header.degree, header.fraction)
+    count, version, degree = header.count, header.version, min(header.degree, SH_DEGREE_MAX)
+    ends = np.cumsum([0, *header.sections]).tolist()
+    parts = [payload[start:end] for start, end in pairwise(ends)]
+    position = None
+    if version == 1:
+        position = np.frombuffer(parts[0], "<f2").reshape(count, 3).astype(np.float64)
+        parts[0] = bytes(9 * count)
+    if degree < header.degree:
+        kept = 3 * (sh_count(degree) - 1)  # a coefficient's red, green and blue are together
+        parts[5] = np.frombuffer(parts[5], np.uint8).reshape(count, -1)[:, :kept].tobytes()
+    version = min(max(version, 2), 3)  # 1 and 2, 3 and 4 have the same rotations
+    start = SPZ_MAGIC + struct.pack("<IIBBxx", version, count, degree, header.fraction)
     with file.reading(path), tempfile.NamedTemporaryFile(suffix=".spz") as copy:
-        copy.write(gzip.compress(start + bytes(9 * count) + payload[size:], compresslevel=1))
+        copy.write(gzip.compress(start + b"".join(parts), compresslevel=1))
         copy.flush()
         try:
             scene = _decode(copy.name, path)
         except InputError as error:
             raise InputError(str(error).replace(copy.name, str(path))) from None
-    return replace(scene, position=position)
+    return scene if position is None else replace(scene, position=position)
 
 
 def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:

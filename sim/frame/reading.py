@@ -16,7 +16,8 @@ ANTIALIASED = {True: "--antialiased", False: "--no-antialiased"}
 
 @dataclass(frozen=True)
 class Marks:
-    """Marks that a scene file may lack; None: not given. Raises InputError for unknown axes."""
+    """Marks that a scene file may lack, and the part of it to read; None: not given. Raises
+    InputError for unknown axes and a negative level."""
 
     antialiased: bool | None = option(
         None,
@@ -32,12 +33,21 @@ class Marks:
         "front) as in a PLY. Default: RUB, the format's own.",
         panel=SCENE,
     )
+    lod: int | None = option(
+        None,
+        "N",
+        "Level of detail of a streamed SOG (lod-meta.json). Default: 0, the finest.",
+        panel=SCENE,
+        min=0,
+    )
 
     def __post_init__(self):
         if self.axes is not None:
             if self.axes.upper() not in AXES:
                 raise InputError(f"--axes '{self.axes}': unknown; choose {choices(AXES)}")
             object.__setattr__(self, "axes", self.axes.upper())
+        if self.lod is not None and self.lod < 0:
+            raise InputError(f"--lod {self.lod}: is negative")
 
 
 @dataclass(frozen=True)
@@ -59,14 +69,15 @@ class Reading(Marks):
     @property
     def reading(self) -> "Reading":
         """These options alone, of a command that has more."""
-        return Reading(self.antialiased, self.axes, self.near)
+        return Reading(self.antialiased, self.axes, self.lod, self.near)
 
     @property
     def options(self) -> tuple[str, ...]:
         """The given options, as on the command line."""
         axes = f"--axes {self.axes}" if self.axes else None
+        lod = None if self.lod is None else f"--lod {self.lod}"
         near = None if self.near is None else f"--near {self.near:g}"
-        return tuple(each for each in (ANTIALIASED.get(self.antialiased), axes, near) if each)
+        return tuple(each for each in (ANTIALIASED.get(self.antialiased), axes, lod, near) if each)
 
     @property
     def near_plane(self) -> float:
@@ -82,7 +93,7 @@ class Reading(Marks):
     def check_unpacked(self, name: str):
         """Raise InputError if an option was given that a packed model has fixed."""
         for given in replace(self, near=None).options:
-            fixed = "axes" if given.startswith("--axes") else "mark"
+            fixed = {"--axes": "axes", "--lod": "level of detail"}.get(given.split()[0], "mark")
             why = f"a packed model has its own {fixed}; repack the scene"
             raise InputError(f"{given}: {name}: {why}: splatcore pack SCENE {given} -o MODEL")
 

@@ -13,7 +13,7 @@ import numpy as np
 from splatcore.model.cameras.view import sensible_view
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
 from splatcore.model.formats.model_file import is_packed, read_model
-from splatcore.model.formats.read import check_axes, find_format, read_scene
+from splatcore.model.formats.read import check_choices, find_format, read_scene
 from splatcore.model.generate.generate import GENERATORS, generate, generated_camera
 from splatcore.sim.common import notes
 from splatcore.sim.frame.reading import ANTIALIASED, AS_STATED, Reading
@@ -35,7 +35,7 @@ VIEW_SIZE = (1920, 1080)  # pixels of a view that no camera file defines
 VARIABLE, FOLDER = "SPLATCORE_SCENES", "../shared/scenes"
 """The environment variable that names the folder of scenes, and its default."""
 
-SUFFIXES = (".ply", ".spz", ".splat", ".sog")  # of scene files in that folder
+SUFFIXES = (".ply", ".ply.gz", ".spz", ".splat", ".ksplat", ".sog")  # of scene files in that folder
 
 CAMERAS, IN_FOLDER = ".cameras.json", "cameras.json"
 """Suffix of a camera file next to a scene file; name of the camera file in a scene's folder."""
@@ -111,14 +111,14 @@ def open_source(text: str, reading: Reading = AS_STATED) -> Source:
         source = Source(text, scene=generate(text), camera=generated_camera(text))
     elif os.path.isdir(text):
         cameras = camera_beside(text)
-        scene = read_scene(text, reading.axes)
+        scene = read_scene(text, reading.axes, reading.lod)
         source = Source(text, scene, camera=read_camera(cameras) if cameras else None)
     elif is_packed(text):
         reading.check_unpacked(text)
         source = Source(text, model=read_model(text))
     else:
         check_named(text)
-        source = Source(text, scene=read_scene(text, reading.axes))
+        source = Source(text, scene=read_scene(text, reading.axes, reading.lod))
     for line in source.scene.notes if source.scene else ():
         source.note(line)
     if (mark := reading.antialiased) is None:
@@ -138,10 +138,12 @@ def check_source(text: str, reading: Reading = AS_STATED):
     if text in GENERATORS and not os.path.exists(text):
         if reading.axes:
             raise InputError(f"--axes {reading.axes}: {text} is generated, with axes of its own")
+        if reading.lod is not None:
+            raise InputError(f"--lod {reading.lod}: {text} is generated, without levels of detail")
     elif os.path.isdir(text) or not is_packed(text):
         check_named(text)
         find_format(text)
-        check_axes(text, reading.axes)
+        check_choices(text, reading.axes, reading.lod)
     else:
         reading.check_unpacked(text)
 
@@ -234,7 +236,7 @@ def scene_files(folder: Path | None = None) -> list[Path]:
     folder = scene_folder() if folder is None else folder
     if not folder.is_dir():
         raise InputError(f"{folder}: folder does not exist; name a SCENE or set {VARIABLE}")
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    return sorted(path for path in folder.iterdir() if path.name.lower().endswith(SUFFIXES))
 
 
 def camera_beside(source: str | Path) -> str | None:
@@ -247,7 +249,7 @@ def camera_beside(source: str | Path) -> str | None:
     source = Path(source)
     if source.is_dir():
         return str(source / IN_FOLDER) if (source / IN_FOLDER).is_file() else None
-    if source.suffix.lower() not in SUFFIXES:
+    if not source.name.lower().endswith(SUFFIXES):
         return None
     for end in range(len(source.name), 0, -1):
         path = source.with_name(source.name[:end] + CAMERAS)

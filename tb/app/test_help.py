@@ -18,7 +18,9 @@ LINES = 40  # of a screen
 COLUMNS = 100
 EXAMPLE = 68  # characters of an example that fits a line of 80
 
-ALIKE = "--camera --cameras --size --antialiased --axes --near --preset --quality --json".split()
+ALIKE = (
+    "--camera --cameras --size --antialiased --axes --lod --near --preset --quality --json".split()
+)
 """Options of many commands."""
 
 

@@ -145,14 +145,16 @@ def spz_codes(version: int, count: int, degree: int, seed: int = 0) -> list[np.n
 
 def spz_bytes(
     version: int, codes: list[np.ndarray], degree: int, fraction: int = 12, flags: int = 0,
-    records: bytes = b"",
+    records: bytes = b"", content_size: bool = True,
 ) -> bytes:  # fmt: skip
-    """An SPZ file of the sections of `spz_codes`; records: of extensions."""
+    """An SPZ file of the sections of `spz_codes`; records: of extensions; content_size: whether
+    streams of version 4 state their sizes."""
     sections = [code.tobytes() for code in codes if code.size]
     head = struct.pack("<4sIIBB", b"NGSP", version, len(codes[0]), degree, fraction)
     if version < 4:
         return gzip.compress(head + bytes([flags, 0]) + b"".join(sections) + records, mtime=0)
-    streams = [zstandard.compress(section) for section in sections]
+    packer = zstandard.ZstdCompressor(write_content_size=content_size)
+    streams = [packer.compress(section) for section in sections]
     toc = [struct.pack("<QQ", *map(len, pair)) for pair in zip(streams, sections, strict=True)]
     head += struct.pack("<BBI12x", flags, len(streams), 32 + len(records))
     return head + records + b"".join(toc) + b"".join(streams)

@@ -23,6 +23,7 @@ from splatcore.spec.error import InputError
 from tb.helpers import scene_file
 from tb.helpers.camera_file import colmap_binary, colmap_text, inria, transforms
 from tb.helpers.clouds import cloud
+from tb.helpers.ksplat_file import small_ksplat
 from tb.helpers.scene_file import image_bytes, sog_bytes, sog_codes, sog_meta, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
 
@@ -36,13 +37,29 @@ Files = dict[str, bytes]  # files for a reader: name → content; one file, or s
 def _ply_files() -> dict[str, Files]:
     elements, forms = {"vertex": scene_file.ply_columns(random_scene(4, 1))}, scene_file.FORMATS
     files = {form: {"scene.ply": scene_file.ply_bytes(elements, form)} for form in forms}
+    files["gzip"] = {"scene.ply.gz": gzip.compress(files["binary_little_endian"]["scene.ply"])}
     return files | {"compressed": {"scene.ply": scene_file.compressed_ply(300, 1)}}
 
 
 SPZ = {f"spz {v}": {"scene.spz": spz_bytes(v, spz_codes(v, 40, 1), 1)} for v in (1, 2, 3, 4)}
 SOG_IMAGES = {name: image_bytes(pixels) for name, pixels in sog_codes(6, 1, 3).items()}
 SOG = {f"sog {v}": {"scene.sog": sog_bytes(sog_meta(v, 6, 1), SOG_IMAGES)} for v in (1, 2)}
-SCENES = _ply_files() | SPZ | SOG | {"splat": {"scene.splat": scene_file.splat_bytes(5)}}
+SPZ_4 = {f"spz {v} of degree 4": {"scene.spz": spz_bytes(v, spz_codes(v, 9, 4), 4)} for v in (3, 4)}
+KSPLAT = {f"ksplat {k}": {"scene.ksplat": small_ksplat(k, 2 * (k > 0))} for k in range(3)}
+UNBUNDLED = {"meta.json": json.dumps(sog_meta(2, 6, 1)).encode()} | {
+    f"{name}.webp": data for name, data in SOG_IMAGES.items()
+}
+LEAVES = [{"0": {"file": 0, "offset": 3 * k, "count": 3}} for k in range(2)]
+STREAM = {
+    "version": 1, "counts": [6, 0], "lodLevels": 2, "environment": "a.sog", "filenames": ["b.sog"],
+    "tree": {"children": [{"lods": leaf} for leaf in LEAVES]},
+}  # fmt: skip
+STREAMED = {"lod-meta.json": json.dumps(STREAM).encode()} | {
+    f"{name}.sog": SOG["sog 2"]["scene.sog"] for name in "ab"
+}
+FOLDERS = {"sog unbundled": UNBUNDLED, "sog streamed": STREAMED}
+SPLAT = {"splat": {"scene.splat": scene_file.splat_bytes(5)}}
+SCENES = _ply_files() | SPZ | SPZ_4 | SOG | FOLDERS | KSPLAT | SPLAT
 CAMERAS = {
     "inria": {"cameras.json": json.dumps(inria()).encode()},
     "transforms": {"transforms.json": json.dumps(transforms()).encode()},
@@ -111,9 +128,9 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
     files = dict(FILES[kind])
     name = [*files][rng.integers(len(files))]
     data, inside = files[name], rng.random() < 0.6
-    if inside and kind in ("spz 1", "spz 2", "spz 3"):
+    if inside and kind in ("spz 1", "spz 2", "spz 3", "spz 3 of degree 4", "gzip"):
         data = gzip.compress(mutated(gzip.decompress(data), rng), compresslevel=1)
-    elif inside and kind in ("inria", "transforms"):
+    elif inside and name.endswith(".json"):
         data = json.dumps(mutated_json(json.loads(data), rng)).encode()
     elif inside and kind in SOG:
         meta, images = sog_meta(int(kind[4]), 6, 1), dict(SOG_IMAGES)
@@ -135,7 +152,7 @@ def check(kind: str, files: Files, folder: Path) -> str:
     for name, data in files.items():
         (folder / name).unlink(missing_ok=True)  # some file systems flush overwritten files
         (folder / name).write_bytes(data)
-    path = folder / next(iter(files)) if len(files) == 1 else folder
+    path = folder if kind.startswith("colmap") else folder / next(iter(files))
     try:
         if kind in CAMERAS:
             assert all(isinstance(camera, Camera) for camera in read_cameras(path))

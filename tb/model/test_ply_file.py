@@ -1,5 +1,6 @@
 """PLY containers: lists, comments of any bytes, surplus rows, upper-case names, plain colours."""
 
+import gzip
 import struct
 
 import numpy as np
@@ -156,6 +157,33 @@ def test_plain_colours(tmp_path, kind, rest):
     assert np.abs(0.5 + np.sqrt(1 / (4 * np.pi)) * scene.sh[:, 0] - values / 255).max() < 1e-6
     notes = ("colours are red, green, blue, without f_dc: SH degree 0",)
     assert scene.notes[:1] == notes and ("f_rest_0" in scene.notes[-1]) == rest
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_gzip_stream(tmp_path, form):
+    """A gzipped PLY of any form and name is read; also one of several streams."""
+    data = ply_bytes({"vertex": COLUMNS}, form)
+    expected = scene_of(tmp_path, data)
+    for packed in (gzip.compress(data), gzip.compress(data[:99]) + gzip.compress(data[99:])):
+        for name in ("scene.ply.gz", "scene.gz", "scene.ply"):
+            scene = read_written(tmp_path / name, packed)
+            assert np.array_equal(scene.sh, expected.sh) and scene.notes == expected.notes
+    data = compressed_ply(10, 1)
+    scene = read_written(tmp_path / "scene.ply.gz", gzip.compress(data))
+    assert np.array_equal(scene.position, scene_of(tmp_path, data).position)
+
+
+def test_bad_gzip_streams(tmp_path):
+    """Streams are unpacked up to 100 times their size."""
+    data = ply_bytes({"vertex": COLUMNS})
+    for message, packed in {
+        "cannot be read": gzip.compress(data)[:-9],
+        "cannot be read ": gzip.compress(data)[:-8] + bytes(8),
+        "unpacks to more than 100 times its size": gzip.compress(data + bytes(1 << 20)),
+        "has 3 of 4 rows": gzip.compress(data[:-1]),
+        "has no 'end_header'": gzip.compress(data[:20]),
+    }.items():
+        check_bad_scene(tmp_path / "scene.ply.gz", packed, message)
 
 
 BAD = {

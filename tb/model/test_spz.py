@@ -12,13 +12,11 @@ from splatcore.model.formats import spz
 from splatcore.model.formats.read import read_scene
 from splatcore.model.formats.spz import COORDINATES, EXTENDED
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import rotation_matrix
+from splatcore.spec.scene import ARRAYS, rotation_matrix
 from tb.helpers.refusal import refused
 from tb.helpers.scene_file import (
     check_bad_scene,
     check_refused,
-    ply_bytes,
-    ply_columns,
     read_written,
     smallest_three,
     splat_bytes,
@@ -168,9 +166,44 @@ def test_few_bytes_after_the_gaussians(tmp_path):
     check_bad_scene(tmp_path / "scene.spz", gzip.compress(raw + b"x"), "in version 1")
 
 
-def test_zipped_ply(tmp_path):
-    data = gzip.compress(ply_bytes({"vertex": ply_columns(random_scene(3, 0))}))
-    check_bad_scene(tmp_path / "scene.ply.gz", data, "is a PLY in a gzip stream; unpack it first")
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("sized", [False, True])
+def test_degree_4(tmp_path, version, sized):
+    """The fourth band is left out with a note; the rest is read as from a file of degree 3."""
+    codes = spz_codes(version, 40, 4)
+    lower = [*codes[:5], codes[5][:, :45]]  # a coefficient's three channels are together
+    flags, records = EXTENDED | spz.ANTIALIASED, UNKNOWN + record(6)
+    files = [
+        spz_bytes(version, each, degree, 10, flags, records)
+        for degree, each in ((4, codes), (3, lower))
+    ]
+    if version == 4 and not sized:  # streams whose frames state no size
+        files[0] = spz_bytes(4, codes, 4, 10, flags, records, content_size=False)
+    scene, other = (read(tmp_path, data) for data in files)
+    assert (scene.sh_degree, scene.antialiased) == (3, True)
+    for name in ARRAYS:
+        assert np.array_equal(getattr(scene, name), getattr(other, name))
+    left_out = "harmonics of degree 4 left out; kept up to 3"
+    assert scene.notes == (left_out, *other.notes) and left_out not in other.notes
+
+
+def test_bad_streams_of_degree_4(tmp_path):
+    """Streams that are unpacked here are as bounded as those that gsply unpacks."""
+    data = spz_bytes(4, spz_codes(4, 4, 4), 4)
+    stored = struct.unpack_from("<Q", data, 32)[0]
+
+    def first(frame: bytes) -> bytes:
+        return _zipped(32, "<Q", len(frame), data[:128] + frame + data[128 + stored :])
+
+    unsized = zstandard.ZstdCompressor(write_content_size=False)
+    for message, stream in {
+        "stream 0: cannot be read": zstandard.compress(bytes(36))[:-1],
+        "stream 0: cannot be read ": unsized.compress(bytes(1 << 24)),
+        "stream 0: holds 35 bytes, not 36": unsized.compress(bytes(35)),
+    }.items():
+        check_bad_scene(tmp_path / "scene.spz", first(stream), message)
+    raw = gzip.decompress(spz_bytes(3, spz_codes(3, 4, 4), 4))
+    check_bad_scene(tmp_path / "scene.spz", gzip.compress(raw[:-1]), "of SH degree 4")
 
 
 CODES = spz_codes(2, 4, 1)
@@ -206,7 +239,7 @@ BAD = {
     "holds 112 of the 140 bytes": _raw(8, "<I", 5),
     "holds 111 of the 112 bytes of 4 Gaussians of SH degree 1": gzip.compress(RAW[:-1]),
     "too many for": _raw(8, "<I", 2**32 - 1),
-    "SH degree 4": _raw(12, "<B", 4),
+    "SH degree 5": _raw(12, "<B", 5),
     "0 fractional bits": _raw(13, "<B", 0),
     "25 fractional bits": _raw(13, "<B", 25),
     "cannot be read": gzip.compress(RAW)[:3] + b"\xff" * 20,
