@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatcore.model.formats import ply, sog, splat, spz
+from splatcore.model.formats import gltf, ply, sog, splat, spz, usd
 from splatcore.model.formats.file import input_error, read_bytes
+from splatcore.model.formats.gltf_file import GLB_MAGIC
 from splatcore.model.formats.harmonics import directions, harmonics
 from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
@@ -30,6 +31,8 @@ class Format(NamedTuple):
 FORMATS = (
     Format("PLY", ply.read, (b"ply\n", b"ply\r")),
     Format("SPZ", spz.read, (spz.SPZ_MAGIC, spz.GZIP_MAGIC), axes=True),
+    Format("glTF", gltf.read, (GLB_MAGIC,), ".gltf", axes=True),
+    Format("USD", usd.read, usd.STARTS, ".usdz", axes=True),  # before SOG: a usdz is a zip, too
     Format("SOG", sog.read, (b"PK\x03\x04",)),
     Format(".splat", splat.read, suffix=".splat"),
 )
@@ -38,6 +41,9 @@ FORMATS = (
 `read(path)` returns the scene of a file, or raises InputError naming file and field. The scene may
 hold NaN and Inf; the caller silences numpy's warnings about them.
 """
+
+CHOICE = "SPZ, glTF and USD"
+"""Formats whose files may leave their axes to the reader."""
 
 TRAINED = "point_cloud/iteration_*/point_cloud.ply"
 """Scenes in the output folder of INRIA's training."""
@@ -49,7 +55,8 @@ def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
     """Read a scene; its `name` is the file's path, its `notes` count unusual Gaussians.
 
     path: file of any of `FORMATS`, or output folder of INRIA's training
-    axes: one of `spz_axes.AXES`, for an SPZ file that does not state its axes (default: RUB)
+    axes: one of `spz_axes.AXES`, for a file that does not state its axes: SPZ, also inside glTF
+        (default: RUB), and USD (default: RDF)
 
     Raises InputError for an unknown format, a malformed file, and axes for a file whose axes are
     known.
@@ -63,9 +70,9 @@ def read_scene(path: str | os.PathLike, axes: str | None = None) -> Scene:
 
 
 def check_axes(path: str | os.PathLike, axes: str | None):
-    """Raise InputError if axes are given for a file that is not SPZ."""
+    """Raise InputError if axes are given for a file of a format without a choice of them."""
     if axes and not find_format(path).axes:
-        raise input_error(path, f"--axes {axes}: only SPZ files have a choice of axes")
+        raise input_error(path, f"--axes {axes}: only {CHOICE} files have a choice of axes")
 
 
 def scene_file(path: str | os.PathLike) -> str | os.PathLike:
