@@ -165,9 +165,6 @@ def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
     quaternion = values("ROTATION", 4, count)[:, [3, 0, 1, 2]]
     scale, notes = _scale(values("SCALE", 3, count))
     opacity = values("OPACITY", 1, count)[:, 0]
-    beyond = int(((opacity < 0) | (opacity > 1)).sum())
-    if beyond:
-        notes += (f"{beyond} opacities outside 0 … 1, clipped",)
     stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
     if _prefix(SH_DEGREE_MAX + 1, attributes):
         notes += (f"harmonics of degree {SH_DEGREE_MAX + 1} are not used",)
@@ -176,8 +173,7 @@ def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
         for k in range(2 * degree + 1):
             name = f"SH_DEGREE_{degree}_COEF_{k}"
             sh[:, degree * degree + k] = values(name, 3, count)
-    opacity = np.clip(opacity, 0, 1)
-    return Scene(position, scale, quaternion, opacity, sh, os.fspath(gltf.path), notes)
+    return file.linear_scene(gltf.path, position, scale, quaternion, opacity, sh, notes)
 
 
 def _prefix(degree: int, attributes: dict) -> bool:
@@ -186,14 +182,11 @@ def _prefix(degree: int, attributes: dict) -> bool:
 
 
 def _scale(stored: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Scales ≥ 0, and a note if the stored ones are logarithms or faulty."""
+    """The scales, and a note if the stored ones are logarithms."""
     negative = int((stored < 0).any(axis=1).sum())
-    if not negative:
+    if negative <= LOGARITHMS * len(stored):
         return stored, ()
-    if negative > LOGARITHMS * len(stored):
-        return np.exp(stored), ("scales below 0: read as logarithms, as drafts of glTF had them",)
-    s = "s" * (negative > 1)
-    return np.abs(stored), (f"{negative} Gaussian{s} with a negative scale, sign dropped",)
+    return np.exp(stored), ("scales below 0: read as logarithms, as drafts of glTF had them",)
 
 
 def _values(extension: dict) -> tuple[str, ...]:

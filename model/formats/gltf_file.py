@@ -211,7 +211,7 @@ def _names(table: dict, where: str) -> list[str]:
 
 
 def _matrix(node: dict, where: str) -> np.ndarray:
-    """The transform of a node, [4, 4]: a matrix, stored by column, or translation·rotation·scale."""
+    """The transform of a node, [4, 4]: its matrix, by column, or translation·rotation·scale."""
     if "matrix" in node:
         return file.array_field(node, "matrix", (16,), where).reshape(4, 4).T
 

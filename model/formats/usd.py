@@ -115,13 +115,6 @@ def _part(stored: dict[str, np.ndarray | None], where: str) -> Scene:
     scale = values("scale", 1, 1, 1, 1)
     opacity = values("opacity", 1, 1)[:, 0]
     sh = values("sh", (degree + 1) ** 2, 0, 0, 0).reshape(count, -1, 3)
-    beyond = int(((opacity < 0) | (opacity > 1)).sum())
-    if beyond:
-        notes.append(f"{beyond} opacities outside 0 … 1, clipped")
-    negative = int((scale < 0).any(axis=1).sum())
-    if negative:
-        s = "s" * (negative > 1)
-        notes.append(f"{negative} Gaussian{s} with a negative scale, sign dropped")
-    opacity, sh = np.clip(opacity, 0, 1), sh[:, : sh_count(SH_DEGREE_MAX)]
-    scene = Scene(position, np.abs(scale), quaternion, opacity, sh, where, tuple(notes))
+    arrays = position, scale, quaternion, opacity, sh[:, : sh_count(SH_DEGREE_MAX)]
+    scene = file.linear_scene(where, *arrays, tuple(notes))
     return placed(scene, stored["matrix"], where)

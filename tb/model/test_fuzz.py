@@ -23,6 +23,7 @@ from splatcore.spec.error import InputError
 from tb.helpers import scene_file
 from tb.helpers.camera_file import colmap_binary, colmap_text, inria, transforms
 from tb.helpers.clouds import cloud
+from tb.helpers.gltf_file import Builder, glb_bytes, glb_parts
 from tb.helpers.scene_file import image_bytes, sog_bytes, sog_codes, sog_meta, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
 
@@ -42,7 +43,18 @@ def _ply_files() -> dict[str, Files]:
 SPZ = {f"spz {v}": {"scene.spz": spz_bytes(v, spz_codes(v, 40, 1), 1)} for v in (1, 2, 3, 4)}
 SOG_IMAGES = {name: image_bytes(pixels) for name, pixels in sog_codes(6, 1, 3).items()}
 SOG = {f"sog {v}": {"scene.sog": sog_bytes(sog_meta(v, 6, 1), SOG_IMAGES)} for v in (1, 2)}
-SCENES = _ply_files() | SPZ | SOG | {"splat": {"scene.splat": scene_file.splat_bytes(5)}}
+
+
+def _gltf() -> Builder:
+    """Two nodes: Gaussians as float32 and as SPZ."""
+    builder = Builder()
+    builder.node(builder.primitive(random_scene(6, 1)), translation=[1, 2, 3])
+    builder.node(builder.packed(SPZ["spz 4"]["scene.spz"]), scale=[2, 2, 2])
+    return builder
+
+
+GLTF = {"glb": {"scene.glb": _gltf().glb()}, "gltf": {"scene.gltf": _gltf().gltf()}}
+SCENES = _ply_files() | SPZ | SOG | GLTF | {"splat": {"scene.splat": scene_file.splat_bytes(5)}}
 CAMERAS = {
     "inria": {"cameras.json": json.dumps(inria()).encode()},
     "transforms": {"transforms.json": json.dumps(transforms()).encode()},
@@ -113,8 +125,11 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
     data, inside = files[name], rng.random() < 0.6
     if inside and kind in ("spz 1", "spz 2", "spz 3"):
         data = gzip.compress(mutated(gzip.decompress(data), rng), compresslevel=1)
-    elif inside and kind in ("inria", "transforms"):
+    elif inside and kind in ("inria", "transforms", "gltf"):
         data = json.dumps(mutated_json(json.loads(data), rng)).encode()
+    elif inside and kind == "glb":
+        tree, binary = glb_parts(data)
+        data = glb_bytes(mutated_json(tree, rng), binary)
     elif inside and kind in SOG:
         meta, images = sog_meta(int(kind[4]), 6, 1), dict(SOG_IMAGES)
         if rng.random() < 0.6:
