@@ -76,11 +76,14 @@ def _run(path: str | os.PathLike, target: Path, size: int) -> None:
     threads = dict.fromkeys(("PXR_WORK_THREAD_LIMIT", "OPENBLAS_NUM_THREADS"), "1")
     folder = {"TMPDIR": str(target.parent)}  # usd-core writes a report there if it crashes
     options = {"capture_output": True, "text": True, "errors": "replace"}
+    seconds = SECONDS + size // BYTES_PER_SECOND
     with file.reading(path, "usd-core cannot read it"):
-        seconds = SECONDS + size // BYTES_PER_SECOND
-        done = subprocess.run(
-            command, env=os.environ | threads | folder, timeout=seconds, **options
-        )
+        try:
+            done = subprocess.run(
+                command, env=os.environ | threads | folder, timeout=seconds, **options
+            )
+        except subprocess.TimeoutExpired:
+            raise input_error(path, f"usd-core takes more than {seconds} seconds") from None
     if done.returncode:
         reason = done.stdout.replace(f"@{source}@", "").replace(f"{source}:", "line ").strip()
         reason = re.sub(r"pxrInternal_\w+?::", "", reason)[:200]

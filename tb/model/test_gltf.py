@@ -12,34 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from splatcore.model.formats.gltf import read
 from splatcore.model.formats.read import read_scene
-from splatcore.spec.scene import Scene
 from tb.helpers.gltf_file import HALF_TURN, KHR, Builder, attributes, glb_of
-from tb.helpers.harmonics import harmonics
+from tb.helpers.moved import check_moved, covariance, transform
 from tb.helpers.refusal import refused
 from tb.helpers.scene_file import check_bad_scene, read_written, spz_bytes, spz_codes, spz_of
 from tb.helpers.scenes import random_scene
 
 TURNED = "turned from glTF's axes, y up, by half a turn about z"
-
-DIRECTIONS = np.random.default_rng(5).normal(size=(30, 3))
-
-
-def covariance(scene: Scene) -> np.ndarray:
-    factor = scene.gaussians().factor
-    return factor @ factor.transpose(0, 2, 1)
-
-
-def colours(scene: Scene, directions: np.ndarray) -> np.ndarray:
-    return np.einsum("dk,nkc->ndc", harmonics(directions, scene.sh_degree), scene.sh)
-
-
-def check_moved(found: Scene, scene: Scene, linear: np.ndarray, shift: np.ndarray, bound=1e-5):
-    """Check that a scene is another one after p → linear·p + shift, both in the axes of PLY."""
-    assert np.abs(found.position - (scene.position @ linear.T + shift)).max() < bound
-    assert np.abs(covariance(found) - linear @ covariance(scene) @ linear.T).max() < bound
-    assert np.abs(found.opacity - scene.opacity).max() < bound
-    before, after = colours(scene, DIRECTIONS), colours(found, DIRECTIONS @ linear.T)
-    assert np.abs(before - after).max() < bound
 
 
 @pytest.mark.parametrize("degree", range(4))
@@ -59,13 +38,6 @@ def test_every_attribute(tmp_path, degree):
 def in_ply(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Linear part and shift of a matrix in glTF's axes, in the axes of PLY."""
     return HALF_TURN @ matrix[:3, :3] @ HALF_TURN, HALF_TURN @ matrix[:3, 3]
-
-
-def transform(seed: int, size: float, mirror: bool = False) -> np.ndarray:
-    rng, matrix = np.random.default_rng(seed), np.eye(4)
-    matrix[:3, :3] = size * Rotation.random(rng=rng).as_matrix() * (-1 if mirror else 1)
-    matrix[:3, 3] = rng.normal(size=3)
-    return matrix
 
 
 @pytest.mark.parametrize("degree", (0, 2, 3))
