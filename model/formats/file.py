@@ -177,3 +177,28 @@ def stored_scene(
         sh = np.concatenate([sh, np.asarray(higher, np.float64)], axis=1)
     scale = np.exp(np.asarray(log_scale, np.float64))
     return Scene(position, scale, quaternion, opacity, sh, os.fspath(path))
+
+
+def linear_scene(
+    path: str | os.PathLike,
+    position: np.ndarray,  # [N, 3]
+    scale: np.ndarray,  # [N, 3] not logarithms
+    quaternion: np.ndarray,  # [N, 4]
+    opacity: np.ndarray,  # [N], 0 … 1
+    sh: np.ndarray,  # [N, K, 3]
+    notes: tuple[str, ...] = (),
+) -> Scene:
+    """Make the scene of a file that stores scales and opacities as they are; its name is `path`.
+
+    A negative scale gives the covariance of its absolute value. Opacities are clipped to 0 … 1.
+    """
+    negative = int((scale < 0).any(axis=1).sum())
+    if negative:
+        s = "s" * (negative > 1)
+        notes += (f"{negative} Gaussian{s} with a negative scale, sign dropped",)
+    beyond = int(((opacity < 0) | (opacity > 1)).sum())
+    if beyond:
+        s = "ies" if beyond > 1 else "y"
+        notes += (f"{beyond} opacit{s} outside 0 … 1, clipped",)
+    opacity = np.clip(opacity, 0, 1)
+    return Scene(position, np.abs(scale), quaternion, opacity, sh, os.fspath(path), notes)

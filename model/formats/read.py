@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatcore.model.formats import ksplat, ply, sog, sog_files, sog_stream, splat, spz
+from splatcore.model.formats import gltf, ksplat, ply, sog, sog_files, sog_stream, splat, spz, usd
 from splatcore.model.formats.file import GZIP_MAGIC, input_error, read_bytes
+from splatcore.model.formats.gltf_file import GLB_MAGIC
 from splatcore.model.formats.harmonics import directions, harmonics
 from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
@@ -35,6 +36,8 @@ class Format(NamedTuple):
 FORMATS = (
     Format("PLY", ply.read, (b"ply\n", b"ply\r")),
     Format("SPZ", spz.read, (spz.SPZ_MAGIC, GZIP_MAGIC), axes=True),
+    Format("glTF", gltf.read, (GLB_MAGIC,), ".gltf", axes=True),
+    Format("USD", usd.read, usd.STARTS, ".usdz", axes=True),  # before SOG: a usdz is a zip, too
     Format("SOG", sog.read, (b"PK\x03\x04",)),
     Format("SOG", sog_stream.read, suffix=sog_stream.META, lod=True),
     Format("SOG", sog.read, suffix=sog_files.META),
@@ -46,6 +49,9 @@ FORMATS = (
 `read(path)` returns the scene of a file, or raises InputError naming file and field. The scene may
 hold NaN and Inf; the caller silences numpy's warnings about them.
 """
+
+CHOICE = "SPZ, glTF and USD"
+"""Formats whose files may leave their axes to the reader."""
 
 _ST = "splat-transform {file} scene.ply"
 OTHERS = {
@@ -71,7 +77,8 @@ def read_scene(path: str | os.PathLike, axes: str | None = None, lod: int | None
 
     path: file of any of `FORMATS`, folder of an unbundled or streamed SOG, or output folder of
         INRIA's training
-    axes: one of `spz_axes.AXES`, for an SPZ file that does not state its axes (default: RUB)
+    axes: one of `spz_axes.AXES`, for a file that does not state its axes: SPZ, also inside glTF
+        (default: RUB), and USD (default: RDF)
     lod: level of detail of a streamed SOG (default: 0, the finest)
 
     Raises InputError for an unknown format, a malformed file, axes for a file whose axes are known,
@@ -90,7 +97,7 @@ def check_choices(path: str | os.PathLike, axes: str | None, lod: int | None):
     """Raise InputError if axes or a level are given for a file of a format without this choice."""
     format = find_format(path)
     if axes and not format.axes:
-        raise input_error(path, f"--axes {axes}: only SPZ files have a choice of axes")
+        raise input_error(path, f"--axes {axes}: only {CHOICE} files have a choice of axes")
     if lod is not None and not format.lod:
         raise input_error(path, f"--lod {lod}: only a streamed SOG has levels of detail")
 

@@ -29,8 +29,8 @@ class Marks:
     axes: str | None = option(
         None,
         "RUB|RDF|…",
-        "Directions of x, y and z in an SPZ file that does not state them; RDF (right, down, "
-        "front) as in a PLY. Default: RUB, the format's own.",
+        "Directions of x, y and z in an SPZ file (also inside glTF) that does not state them, or "
+        "in USD; RDF (right, down, front) as in a PLY. Default: RUB, SPZ's own; RDF for USD.",
         panel=SCENE,
     )
     lod: int | None = option(

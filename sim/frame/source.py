@@ -35,7 +35,8 @@ VIEW_SIZE = (1920, 1080)  # pixels of a view that no camera file defines
 VARIABLE, FOLDER = "SPLATCORE_SCENES", "../shared/scenes"
 """The environment variable that names the folder of scenes, and its default."""
 
-SUFFIXES = (".ply", ".ply.gz", ".spz", ".splat", ".ksplat", ".sog")  # of scene files in that folder
+SUFFIXES = tuple(".ply .ply.gz .spz .splat .ksplat .sog .glb .gltf .usd .usda .usdc .usdz".split())
+"""Suffixes of scene files in that folder."""
 
 CAMERAS, IN_FOLDER = ".cameras.json", "cameras.json"
 """Suffix of a camera file next to a scene file; name of the camera file in a scene's folder."""

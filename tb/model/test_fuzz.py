@@ -23,6 +23,7 @@ from splatcore.spec.error import InputError
 from tb.helpers import scene_file
 from tb.helpers.camera_file import colmap_binary, colmap_text, inria, transforms
 from tb.helpers.clouds import cloud
+from tb.helpers.gltf_file import Builder, glb_bytes, glb_parts
 from tb.helpers.ksplat_file import small_ksplat
 from tb.helpers.scene_file import image_bytes, sog_bytes, sog_codes, sog_meta, spz_bytes, spz_codes
 from tb.helpers.scenes import random_scene
@@ -59,7 +60,18 @@ STREAMED = {"lod-meta.json": json.dumps(STREAM).encode()} | {
 }
 FOLDERS = {"sog unbundled": UNBUNDLED, "sog streamed": STREAMED}
 SPLAT = {"splat": {"scene.splat": scene_file.splat_bytes(5)}}
-SCENES = _ply_files() | SPZ | SPZ_4 | SOG | FOLDERS | KSPLAT | SPLAT
+
+
+def _gltf() -> Builder:
+    """Two nodes: Gaussians as float32 and as SPZ."""
+    builder = Builder()
+    builder.node(builder.primitive(random_scene(6, 1)), translation=[1, 2, 3])
+    builder.node(builder.packed(SPZ["spz 4"]["scene.spz"]), scale=[2, 2, 2])
+    return builder
+
+
+GLTF = {"glb": {"scene.glb": _gltf().glb()}, "gltf": {"scene.gltf": _gltf().gltf()}}
+SCENES = _ply_files() | SPZ | SPZ_4 | GLTF | SOG | FOLDERS | KSPLAT | SPLAT
 CAMERAS = {
     "inria": {"cameras.json": json.dumps(inria()).encode()},
     "transforms": {"transforms.json": json.dumps(transforms()).encode()},
@@ -130,8 +142,11 @@ def mutated_files(kind: str, rng: np.random.Generator) -> Files:
     data, inside = files[name], rng.random() < 0.6
     if inside and kind in ("spz 1", "spz 2", "spz 3", "spz 3 of degree 4", "gzip"):
         data = gzip.compress(mutated(gzip.decompress(data), rng), compresslevel=1)
-    elif inside and name.endswith(".json"):
+    elif inside and (name.endswith(".json") or kind == "gltf"):
         data = json.dumps(mutated_json(json.loads(data), rng)).encode()
+    elif inside and kind == "glb":
+        tree, binary = glb_parts(data)
+        data = glb_bytes(mutated_json(tree, rng), binary)
     elif inside and kind in SOG:
         meta, images = sog_meta(int(kind[4]), 6, 1), dict(SOG_IMAGES)
         if rng.random() < 0.6:

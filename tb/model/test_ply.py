@@ -204,7 +204,7 @@ def test_bad_path(tmp_path):
         ("", "is a directory"),
         ("pipe.ply", "is not a regular file"),
         ("a\0b", "null"),
-        ("text.ply", "is not a PLY, SPZ, SOG, .*.splat file"),
+        ("text.ply", "is not a PLY, SPZ, glTF, USD, SOG, .*.splat file"),
     ]:
         refused(message, read_scene, f"{tmp_path}/{name}")
     refused(r"cannot be written", write_ply, tmp_path / "none" / "scene.ply", random_scene(1, 0))

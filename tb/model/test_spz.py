@@ -133,7 +133,12 @@ def test_axes_for_a_file_that_states_none(tmp_path, version):
 
 def test_axes_of_other_formats_are_refused(tmp_path):
     (tmp_path / "a.splat").write_bytes(splat_bytes(2))
-    refused(r"a.splat: --axes RDF: only SPZ files", read_scene, tmp_path / "a.splat", "RDF")
+    refused(
+        r"a.splat: --axes RDF: only SPZ, glTF and USD files",
+        read_scene,
+        tmp_path / "a.splat",
+        "RDF",
+    )
 
 
 @pytest.mark.parametrize("version", (1, 2, 3))

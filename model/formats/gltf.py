@@ -1,0 +1,206 @@
+"""Gaussians in glTF 2.0: GLB and .gltf. Sources: Khronos, "KHR_gaussian_splatting" and
+"KHR_gaussian_splatting_compression_spz_2" (github.com/KhronosGroup/glTF).
+
+glTF has y up: left, up, front. The axes of PLY are half a turn about z away, so harmonics of odd
+order m change their sign; PlayCanvas' splat-transform writes GLB in this way.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from splatcore.model.formats import file, spz
+from splatcore.model.formats.file import input_error
+from splatcore.model.formats.gltf_file import Gltf, open_gltf
+from splatcore.model.formats.placed import joined, placed
+from splatcore.model.formats.spz_axes import turned
+from splatcore.spec.convention import SH_DEGREE_MAX
+from splatcore.spec.error import InputError
+from splatcore.spec.scene import Scene, sh_count
+
+GLTF_AXES = "LUF"
+"""The axes of glTF: left, up, front."""
+
+EXTENSION = "KHR_gaussian_splatting"
+
+SPZ_EXTENSIONS = (
+    "KHR_gaussian_splatting_compression_spz_2",
+    "KHR_gaussian_splatting_compression_spz",
+)
+"""Extensions inside `EXTENSION` that hold an SPZ file in a buffer view."""
+
+REQUIRED = (EXTENSION, *SPZ_EXTENSIONS, "KHR_mesh_quantization")
+"""Extensions that a file may require."""
+
+LOOKS_ONLY = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_")
+"""Beginnings of required extensions that do not concern Gaussians."""
+
+VALUES = {
+    "kernel": "ellipse",
+    "colorSpace": "srgb_rec709_display",
+    "projection": "perspective",
+}
+"""Properties of `EXTENSION` and the only value that we render; others are noted."""
+
+MARK = {"SplatRenderMode": "mip"}
+"""`extras` of a primitive that we write for an antialiased scene, after Brush's comment in PLY.
+glTF itself has no mark."""
+
+LOGARITHMS = 0.01
+"""Share of negative scales from which on they are logarithms, as in drafts of the extension and in
+files of splat-transform before July 2026; fewer are faulty."""
+
+
+def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
+    """Read all Gaussians of the scene that a GLB or glTF file shows, in the axes of PLY.
+
+    axes: of SPZ inside the file that does not state them; see `spz.read`
+    """
+    gltf = open_gltf(path)
+    for name in file.field(gltf.tree, "extensionsRequired", list, path, []):
+        name = file.checked(name, str, f"{path}: 'extensionsRequired'")
+        if name not in REQUIRED and not name.startswith(LOOKS_ONLY):
+            raise input_error(path, f"requires {name[:60]}, which is not supported")
+    parts, others, packed, size = [], 0, 0, 0
+    for mesh, matrix, node in gltf.placements():
+        for primitive, where in _primitives(gltf, mesh):
+            found = _extension(primitive, where)
+            if found is None:
+                others += 1
+                continue
+            view = _spz_view(found, where)
+            packed += view is not None
+            if view is None:
+                part = _plain(gltf, primitive, where)
+            else:
+                part = half_turn(_unpack(gltf, view, axes, where), 1)
+            size += 4 * len(part) * (11 + 3 * part.sh.shape[1])  # as float32
+            file.check_expansion(size, gltf.stored, path)
+            part = _marked(replace(part, notes=part.notes + _values(found)), primitive)
+            parts.append(placed(part, matrix, node))
+    if not parts:
+        raise input_error(path, f"holds no primitive with {EXTENSION}")
+    if axes and not packed:
+        raise input_error(path, f"--axes {axes}: the file holds no SPZ; the axes of glTF are known")
+    scene = half_turn(joined(parts), -1)
+    notes = (*gltf.notes, *scene.notes, "turned from glTF's axes, y up, by half a turn about z")
+    if others:
+        s = "s" * (others > 1)
+        notes += (f"{others} primitive{s} without {EXTENSION} not read",)
+    return replace(scene, name=os.fspath(path), notes=notes)
+
+
+def half_turn(scene: Scene, sign: int) -> Scene:
+    """Turn a scene about z: from the axes of PLY to glTF's (sign 1), or back (−1).
+
+    Quaternions are multiplied by that of the half turn and so come back with their own signs.
+    """
+    turn = turned(scene, GLTF_AXES)
+    still = ~scene.quaternion.any(axis=1, keepdims=True)  # zero is the identity
+    w, x, y, z = np.where(still, [1.0, 0, 0, 0], scene.quaternion).T
+    return replace(turn, quaternion=sign * np.stack([-z, -y, x, w], axis=1))
+
+
+def _primitives(gltf: Gltf, mesh: int) -> Iterator[tuple[dict, str]]:
+    """The primitives of a mesh, and their locations for messages."""
+    table, where = gltf.item("meshes", mesh)
+    for index, primitive in enumerate(file.field(table, "primitives", list, where)):
+        place = f"{where}.primitives[{index}]"
+        yield file.checked(primitive, dict, place), place
+
+
+def _extension(primitive: dict, where: str) -> dict | None:
+    """The content of `EXTENSION`, if the primitive has it."""
+    table = file.field(primitive, "extensions", dict, where, {})
+    return file.field(table, EXTENSION, dict, where) if EXTENSION in table else None
+
+
+def _spz_view(extension: dict, where: str) -> int | None:
+    """The buffer view with an SPZ file, if the Gaussians are compressed."""
+    inner = file.field(extension, "extensions", dict, where, {})
+    for name in SPZ_EXTENSIONS:
+        if name in inner:
+            place = f"{where}: {name}"
+            return file.field(file.field(inner, name, dict, where), "bufferView", int, place)
+    return None
+
+
+def _unpack(gltf: Gltf, view: int, axes: str | None, where: str) -> Scene:
+    """The Gaussians of an SPZ file in a buffer view, in the axes of PLY.
+
+    The extension says that unpacking turns from the SPZ's axes to glTF's. CesiumJS 1.146 does not
+    turn: `--axes luf` reads as it does.
+    """
+    data, _, place = gltf.view(view)
+    with file.reading(place), tempfile.NamedTemporaryFile(suffix=".spz") as copy:
+        copy.write(data)
+        copy.flush()
+        try:
+            return spz.read(copy.name, axes)
+        except InputError as error:
+            raise InputError(str(error).replace(copy.name, f"{where}: SPZ")) from None
+
+
+def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
+    """The Gaussians of a primitive's accessors, as stored."""
+    attributes = file.field(primitive, "attributes", dict, where)
+    if "indices" in primitive:
+        raise input_error(where, "'indices' of Gaussians are not supported")
+
+    def values(name: str, columns: int, count: int | None = None) -> np.ndarray:
+        name = name if name == "POSITION" else f"{EXTENSION}:{name}"
+        place = f"{where}: {name}"
+        found = gltf.accessor(file.field(attributes, name, int, where))
+        if found.shape[1] != columns:
+            raise input_error(place, f"has {found.shape[1]} components, not {columns}")
+        if count not in (None, len(found)):
+            raise input_error(place, f"has {len(found)} elements, not {count}")
+        return found
+
+    position = values("POSITION", 3)
+    count = len(position)
+    quaternion = values("ROTATION", 4, count)[:, [3, 0, 1, 2]]
+    scale, notes = _scale(values("SCALE", 3, count))
+    opacity = values("OPACITY", 1, count)[:, 0]
+    stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
+    if _prefix(SH_DEGREE_MAX + 1, attributes):
+        notes += (f"harmonics of degree {SH_DEGREE_MAX + 1} are not used",)
+    sh = np.zeros((count, sh_count(max(stated, default=0)), 3))
+    for degree in range(max(stated, default=0) + 1):
+        for k in range(2 * degree + 1):
+            name = f"SH_DEGREE_{degree}_COEF_{k}"
+            sh[:, degree * degree + k] = values(name, 3, count)
+    return file.linear_scene(gltf.path, position, scale, quaternion, opacity, sh, notes)
+
+
+def _prefix(degree: int, attributes: dict) -> bool:
+    """Whether a primitive has harmonics of this degree."""
+    return any(name.startswith(f"{EXTENSION}:SH_DEGREE_{degree}_COEF_") for name in attributes)
+
+
+def _scale(stored: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The scales, and a note if the stored ones are logarithms."""
+    negative = int((stored < 0).any(axis=1).sum())
+    if negative <= LOGARITHMS * len(stored):
+        return stored, ()
+    return np.exp(stored), ("scales below 0: read as logarithms, as drafts of glTF had them",)
+
+
+def _values(extension: dict) -> tuple[str, ...]:
+    """Notes on properties that we do not render as stated."""
+    return tuple(
+        f"{name} {str(extension[name])[:40]!r} is rendered as {value!r}"
+        for name, value in VALUES.items()
+        if extension.get(name, value) != value
+    )
+
+
+def _marked(scene: Scene, primitive: dict) -> Scene:
+    """The scene with our own mark of an antialiased one, if the primitive has it."""
+    extras = primitive.get("extras")
+    if isinstance(extras, dict) and MARK.items() <= extras.items():
+        return replace(scene, antialiased=True, mark="glTF extras 'SplatRenderMode: mip'")
+    return scene
