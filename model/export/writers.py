@@ -11,6 +11,7 @@ import numpy as np
 from splatcore.model.export import sog, spz
 from splatcore.model.export.unpacked import unpacked
 from splatcore.model.formats.file import input_error
+from splatcore.model.formats.gltf_write import write_glb
 from splatcore.model.formats.ply import write_compressed_ply, write_ply
 from splatcore.model.pack.chunk import MORTON_BITS, interleave
 from splatcore.model.pack.stored import keep
@@ -29,6 +30,7 @@ class Writer(NamedTuple):
 WRITERS = {
     ".compressed.ply": Writer("compressed PLY", write_compressed_ply, sort=True),
     ".ply": Writer("PLY", write_ply),
+    ".glb": Writer("GLB", write_glb),
     ".spz": Writer("SPZ 4", spz.write),
     ".sog": Writer("SOG 2", sog.write, sort=True),
 }

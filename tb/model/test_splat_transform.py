@@ -43,6 +43,9 @@ THEIRS = {
     ".compressed.ply": (0.02, 1.2, 0.25, 0.0021, 0.02, 0.0158),
     ".spz": (2.2e-4, 3.2, 0.25, 0.0021, 2.8, 0.07),
     ".sog": (2e-3, 13, 1.8, 0.004, 0.04, 0.03),
+    "/meta.json": (2e-3, 13, 1.8, 0.004, 0.04, 0.03),
+    "/lod-meta.json": (2e-3, 13, 1.8, 0.004, 0.04, 0.03),
+    ".glb": (1e-5, 1e-3, 1e-4, 1e-6, 1e-6, 1e-6),
     ".splat": (1e-5, 1e-3, 1.8, 0.004, 10, 0),
 }
 """The files that splat-transform writes, and the largest error of each of `FIELDS`, in the units of
