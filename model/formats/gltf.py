@@ -15,7 +15,7 @@ import numpy as np
 from splatcore.model.formats import file, spz
 from splatcore.model.formats.file import input_error
 from splatcore.model.formats.gltf_file import Gltf, open_gltf
-from splatcore.model.formats.placed import joined, placed
+from splatcore.model.formats.placed import merged, placed
 from splatcore.model.formats.spz_axes import turned
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
@@ -85,7 +85,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         raise input_error(path, f"holds no primitive with {EXTENSION}")
     if axes and not packed:
         raise input_error(path, f"--axes {axes}: the file holds no SPZ; the axes of glTF are known")
-    scene = half_turn(joined(parts), -1)
+    scene = half_turn(merged(parts), -1)
     notes = (*gltf.notes, *scene.notes, "turned from glTF's axes, y up, by half a turn about z")
     if others:
         s = "s" * (others > 1)

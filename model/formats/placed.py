@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.model.formats.file import input_error
 from splatcore.model.formats.harmonics import turn_of
-from splatcore.spec.scene import ARRAYS, Scene, sh_count
+from splatcore.spec.scene import Scene, joined
 
 UNEVEN = 1e-4
 """Largest accepted relative difference of a transform's scales: transforms have rounded numbers."""
@@ -70,23 +70,16 @@ def _product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return right @ matrix.T
 
 
-def joined(scenes: Sequence[Scene]) -> Scene:
+def merged(scenes: Sequence[Scene]) -> Scene:
     """One scene of all Gaussians, with name, mark and assumed axes of the first.
 
-    Coefficients that a scene of a lower degree lacks are 0. Notes are listed once each. If only
-    some scenes are antialiased, none is, with a note.
+    Notes are listed once each. If only some scenes are antialiased, none is, with a note.
     """
     if len(scenes) == 1:
         return scenes[0]
-    degree = max(scene.sh_degree for scene in scenes)
-    padded = [
-        replace(s, sh=np.pad(s.sh, ((0, 0), (0, sh_count(degree) - s.sh.shape[1]), (0, 0))))
-        for s in scenes
-    ]
-    arrays = {name: np.concatenate([getattr(s, name) for s in padded]) for name in ARRAYS}
     notes = tuple(dict.fromkeys(note for scene in scenes for note in scene.notes))
     marked = sum(scene.antialiased for scene in scenes)
     if 0 < marked < len(scenes):
         notes += (f"{marked} of {len(scenes)} parts are marked antialiased; rendered without",)
-        arrays |= {"antialiased": False, "mark": ""}
-    return replace(scenes[0], notes=notes, **arrays)
+        return replace(joined(scenes), notes=notes, antialiased=False, mark="")
+    return replace(joined(scenes), notes=notes)

@@ -19,7 +19,7 @@ import numpy as np
 
 from splatcore.model.formats import file, usd_arrays
 from splatcore.model.formats.file import input_error
-from splatcore.model.formats.placed import joined, placed
+from splatcore.model.formats.placed import merged, placed
 from splatcore.model.formats.spz_axes import PLY_AXES, turned
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.scene import Scene, sh_count
@@ -60,7 +60,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         _part({name: arrays.get(f"{k} {name}") for name in (*SHAPES, "degree", "matrix")}, where)
         for k, where in enumerate(f"{path}: {prim}" for prim in paths)
     ]
-    scene = joined(parts)
+    scene = merged(parts)
     stated = f"the USD stage says {str(up).lower()} is up"
     by = "by --axes" if axes else "as usd-convert-gsplat writes it; choose others by --axes"
     notes = (*scene.notes, f"{stated}; read as {axes or PLY_AXES}, {by}")
