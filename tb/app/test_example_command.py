@@ -59,7 +59,7 @@ def check_alone(folder: Path, python: Path):
         assert not re.search(r"^\s*(from|import) (?:splatcore|tb)\b", path.read_text(), re.M)
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_frame(example, python, simulator):
     check_alone(example, python)

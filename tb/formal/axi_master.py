@@ -138,7 +138,7 @@ def part(config: Config, **about) -> Part:
 PROOF = Proof(
     {
         "master": part(TINY, cover=COVER_DEPTH),
-        "other port": part(other_port(TINY)),
+        "other port": part(other_port(TINY), verify=True),
         "wide addresses": part(WIDE, verify=True),
         "small": part(TINY, setting=small),
         "small, wide addresses": part(WIDE, setting=small),

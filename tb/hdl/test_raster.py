@@ -91,7 +91,7 @@ def test_random_tiles(size, stall):
             assert run.golden.counts["contributions"] > 1000 and run.golden.counts["ended"] > 50
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_centres_at_the_other_end():
     """Splats wider than a full-size image reach its last tiles from beyond its first ones: the
     distance from the centre needs all of its bits."""
@@ -157,7 +157,7 @@ def test_counters(count):
     assert counters["blocked"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_few_blocks():
     """If a rasterizer has few blocks, the same block may be issued again right away."""
     size = (64, 64)

@@ -127,6 +127,7 @@ def test_path():
         assert frame < 1.05 * max(first, second) + 1000
 
 
+@pytest.mark.verify
 @pytest.mark.parametrize("timing", [LPDDR4, ROUGH], ids=lambda timing: timing.name)
 def test_other_choices(timing):
     jobs = [Job(garden(OTHER, 400), view(*size), (40, 200, 511)) for size in ((64, 48), (33, 17))]
