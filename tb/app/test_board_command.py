@@ -74,64 +74,6 @@ def changed(board: tuple[Path, str], folder: Path, **facts) -> str:
     return str(folder)
 
 
-@pytest.mark.slow
-def test_a_frame(board, scene, tmp_path, capsys):
-    """Two frames of different sizes, without a reset in between, equal the golden model's."""
-    folder, port = board
-    for size in (FEW, "17x33"):
-        picture, report = tmp_path / f"{size}.png", tmp_path / "report.json"
-        words = ["--board", folder, "--port", port, "--size", size]
-        assert run("board", "render", scene, *words, "-o", picture, "--json", report) == 0
-        assert "identical to the golden model" in capsys.readouterr().out
-        facts = json.loads(report.read_text())
-        width, height = facts["size"]
-        assert facts["identical"] and read_png(picture).shape == (height, width, 3)
-        assert facts["frames_a_second"] == pytest.approx(
-            5e7 / max(facts["preprocessing_cycles"], facts["rendering_cycles"]), abs=1e-3
-        )
-        assert facts["psnr_db_machine"] > 45
-    check_documented("board render", facts.keys() - {"version"})
-
-
-@pytest.mark.slow
-def test_a_wrong_pixel_is_found(board, scene, tmp_path, capsys, monkeypatch):
-    right = engines.golden
-
-    def other(shot):
-        frame = right(shot)
-        frame.pixels[3, 5, 1] ^= 1
-        return frame
-
-    monkeypatch.setattr(engines, "golden", other)
-    words = ["--board", board[0], "--port", board[1], "--size", FEW]
-    assert run("board", "render", scene, *words, "-o", tmp_path / "a.png") == 1
-    assert "1 pixels differ from the golden model" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_errors_are_reported(board, scene, tmp_path, capsys, monkeypatch):
-    """The machine's error, too little memory and a wrong preset are reported; then a frame runs."""
-    port, picture = board[1], tmp_path / "a.png"
-    words = f"board render {scene} --port {port} --size {FEW} -o {picture} --board"
-    memory = json.loads((board[0] / host.FACTS).read_text())["memory"]
-
-    def short(*arguments):
-        areas = place_in(*arguments)
-        return replace(areas, registers=(areas.registers[0] | {"LISTS_PAGES": 1},))
-
-    with monkeypatch.context() as patched:
-        patched.setattr(host, "place_in", short)
-        message = r"ERROR PAGES, detail 0, the lists need \d+ pages"
-        check_refused(capsys, f"{words} {board[0]}", message)
-    none = changed(board, tmp_path, memory=memory | {"bytes": 1 << 15})
-    check_refused(capsys, f"{words} {none}", r"150 Gaussians at 40x24 take .* MiB")
-    other = changed(board, tmp_path, preset="DEFAULT")
-    differs = "PICTURE_MAX is 0x400040; preset DEFAULT has 0x4380780"
-    check_refused(capsys, f"{words} {other}", differs)
-    assert not picture.exists()
-    assert run(f"{words} {board[0]}") == 0
-
-
 def test_areas_do_not_overlap():
     """Model, scratch, image and work area fill the memory one after the other, without overlap."""
     model, _ = pack(generate("garden", 150), TINY)
@@ -313,3 +255,64 @@ def test_load_and_fetch_any_length():
     bus.load(256, content, lambda *each: calls.append(each))
     assert np.array_equal(bus.fetch(256, 4 * 301, lambda *each: calls.append(each))[:-1], content)
     assert calls[0] == (0, 1204) and calls[-1] == (1204, 1204)
+
+
+# At the end of the file, as the simulated board stops after the last of them.
+
+
+@pytest.mark.slow
+def test_a_frame(board, scene, tmp_path, capsys):
+    """Two frames of different sizes, without a reset in between, equal the golden model's."""
+    folder, port = board
+    for size in (FEW, "17x33"):
+        picture, report = tmp_path / f"{size}.png", tmp_path / "report.json"
+        words = ["--board", folder, "--port", port, "--size", size]
+        assert run("board", "render", scene, *words, "-o", picture, "--json", report) == 0
+        assert "identical to the golden model" in capsys.readouterr().out
+        facts = json.loads(report.read_text())
+        width, height = facts["size"]
+        assert facts["identical"] and read_png(picture).shape == (height, width, 3)
+        assert facts["frames_a_second"] == pytest.approx(
+            5e7 / max(facts["preprocessing_cycles"], facts["rendering_cycles"]), abs=1e-3
+        )
+        assert facts["psnr_db_machine"] > 45
+    check_documented("board render", facts.keys() - {"version"})
+
+
+@pytest.mark.slow
+def test_a_wrong_pixel_is_found(board, scene, tmp_path, capsys, monkeypatch):
+    right = engines.golden
+
+    def other(shot):
+        frame = right(shot)
+        frame.pixels[3, 5, 1] ^= 1
+        return frame
+
+    monkeypatch.setattr(engines, "golden", other)
+    words = ["--board", board[0], "--port", board[1], "--size", FEW]
+    assert run("board", "render", scene, *words, "-o", tmp_path / "a.png") == 1
+    assert "1 pixels differ from the golden model" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_errors_are_reported(board, scene, tmp_path, capsys, monkeypatch):
+    """The machine's error, too little memory and a wrong preset are reported; then a frame runs."""
+    port, picture = board[1], tmp_path / "a.png"
+    words = f"board render {scene} --port {port} --size {FEW} -o {picture} --board"
+    memory = json.loads((board[0] / host.FACTS).read_text())["memory"]
+
+    def short(*arguments):
+        areas = place_in(*arguments)
+        return replace(areas, registers=(areas.registers[0] | {"LISTS_PAGES": 1},))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(host, "place_in", short)
+        message = r"ERROR PAGES, detail 0, the lists need \d+ pages"
+        check_refused(capsys, f"{words} {board[0]}", message)
+    none = changed(board, tmp_path, memory=memory | {"bytes": 1 << 15})
+    check_refused(capsys, f"{words} {none}", r"150 Gaussians at 40x24 take .* MiB")
+    other = changed(board, tmp_path, preset="DEFAULT")
+    differs = "PICTURE_MAX is 0x400040; preset DEFAULT has 0x4380780"
+    check_refused(capsys, f"{words} {other}", differs)
+    assert not picture.exists()
+    assert run(f"{words} {board[0]}") == 0

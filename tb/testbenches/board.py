@@ -1,7 +1,6 @@
 """A simulated board: its UART is a serial port of this computer, until a file `end` exists."""
 
 import os
-import select
 import tty
 from contextlib import suppress
 from pathlib import Path
@@ -14,10 +13,6 @@ from cocotbext.uart import UartSink, UartSource
 from splatcore.sim.rtl.cocotb_runner import parameters
 
 CHARACTERS, BITS = 4, 10  # polling interval in characters; bits per character, start and stop incl.
-
-QUIET = 100, 0.02
-"""After so many intervals without a character, each further one waits so many seconds for one: a
-board to which nobody talks needs no processor."""
 
 
 @cocotb.test()
@@ -34,16 +29,10 @@ async def serve(dut):
     tty.setraw(port)
     os.set_blocking(here, False)
     Path(at["port"]).write_text(os.ttyname(port))
-    quiet = 0
     while not Path(at["end"]).exists():
         await ClockCycles(dut.sys_clk, pause)
-        quiet += 1
         if source.idle():
             with suppress(BlockingIOError):
                 await source.write(os.read(here, 256))
-                quiet = 0
         if not sink.empty():
             os.write(here, sink.read_nowait())
-            quiet = 0
-        if quiet > QUIET[0]:
-            select.select([here], [], [], QUIET[1])
