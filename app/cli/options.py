@@ -114,8 +114,8 @@ app = typer.Typer(
     help=flowing(
         """Splatcore: an open hardware accelerator for 3D Gaussian Splatting.
 
-        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, .splat, KSPLAT, SOG) or folder (SOG),
-        the output folder of INRIA's training, or the name of a generated scene (see
+        SCENE is a scene file (3DGS PLY, compressed PLY, SPZ, glTF, USD, .splat, KSPLAT, SOG) or
+        folder (SOG), the output folder of INRIA's training, or the name of a generated scene (see
         `splatcore scene --help`); MODEL is a packed model (.splatcore).
         """
     ),

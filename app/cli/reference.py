@@ -25,8 +25,8 @@ HEAD = """# Which command does what, and with which options?
 All commands of `splatcore`, from their `--help`; `make commands` writes this page. Find a command
 by its purpose, then read its section; [options of many commands](#options-of-many-commands) are at
 the end. Words in capital letters stand for values: SCENE is a scene file (3DGS PLY, compressed PLY,
-SPZ, .splat, KSPLAT, SOG) or folder (SOG), the output folder of INRIA's training, or the name of a
-generated scene, MODEL a packed model (.splatcore), DIR a folder.
+SPZ, glTF, USD, .splat, KSPLAT, SOG) or folder (SOG), the output folder of INRIA's training, or the
+name of a generated scene, MODEL a packed model (.splatcore), DIR a folder.
 """
 
 

@@ -33,9 +33,9 @@ def open_scene(
 ) -> Scene | PackedModel:
     """Open a scene or packed model.
 
-    path: a scene file (3DGS PLY, compressed PLY, SPZ, .splat, KSPLAT, SOG) or folder (SOG), a
-        packed model (.splatcore), an output folder of INRIA's training, or the name of a generated
-        scene ("garden" and those in `splatcore scene --help`) if no file has that name
+    path: a scene file (3DGS PLY, compressed PLY, SPZ, glTF, USD, .splat, KSPLAT, SOG) or folder
+        (SOG), a packed model (.splatcore), an output folder of INRIA's training, or the name of a
+        generated scene ("garden" and those in `splatcore scene --help`) if no file has that name
     antialiased: override of the file's mark for opacity compensation; for scenes only
     axes: directions of x, y and z in an SPZ file that does not state them, like "rdf" (right, down,
         front, as in a PLY); None: "rub", the format's own, with a note
