@@ -102,7 +102,7 @@ def test_axes_of_every_command(place, in_turn, capsys, command):
         assert "the file states its axes, RDF" in capsys.readouterr().err
     else:
         check_refused(capsys, f"{words} --axes rub", refused)
-    check_refused(capsys, f"{command.replace('SCENE', 'scene.ply')} --axes rub", "only SPZ files")
+    check_refused(capsys, f"{command.replace('SCENE', 'scene.ply')} --axes rub", "only SPZ, glTF")
 
 
 def test_printed_once_by_processes(place, capsys):
