@@ -53,6 +53,8 @@ def test_benchmarks_take_its_cameras(place):
 
 
 def test_refused(place, capsys):
-    check_refused(capsys, "render none -o a.png", "none: is a directory without any of point_cloud/")
+    check_refused(
+        capsys, "render none -o a.png", "none: is a directory without any of point_cloud/"
+    )
     ply = "trained/point_cloud/iteration_7000/point_cloud.ply"
     check_refused(capsys, f"pack trained -o {ply[:-3]}splatcore --json {ply}", "would overwrite")

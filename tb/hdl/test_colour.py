@@ -57,8 +57,14 @@ ARRAYS = {
 }  # fmt: skip
 """Machines whose colours come from the array, and cycles per look-up in their codebooks."""
 
-LONGER = ("dense", "few slots", "fine colours")
+LONGER = ("two arrays", "dense", "products", "few slots", "fine colours", "narrow", "wide")
 """Machines that only `make verify` compiles."""
+
+
+def marked(names) -> list:
+    """Names of machines as parameters."""
+    return [pytest.param(name, marks=[pytest.mark.verify] * (name in LONGER)) for name in names]
+
 
 ALONE = [np.full(3, number) for number in range(len(LAYOUTS))]
 MIXED = np.array([FINE, 0, COARSE, SECOND, SECOND, FINE, COARSE, 0, FINE, FINE, 0])
@@ -118,9 +124,7 @@ def test_stalls(degree):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.verify] * (n in LONGER)) for n in OTHERS]
-)
+@pytest.mark.parametrize("name", marked(OTHERS))
 def test_other_machines(name):
     config = OTHERS[name]
     for stall in (0, 0.5):
@@ -137,7 +141,7 @@ COMPENSATING = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMPENSATING)
+@pytest.mark.parametrize("name", marked(COMPENSATING))
 def test_compensated_opacities(name):
     """Of Gaussians of any shape and size, at any place."""
     config = COMPENSATING[name]
