@@ -115,6 +115,14 @@ def joined(scenes: Sequence[Scene]) -> Scene:
     return replace(scenes[0], **arrays)
 
 
+def without_zero(quaternion: np.ndarray) -> np.ndarray:
+    """Return quaternions [N, 4] (w, x, y, z), with no rotation, (1, 0, 0, 0), for those of norm
+    0."""
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return np.where(norm == 0, [1.0, 0, 0, 0], quaternion)
+
+
 def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
     """Return rotation matrices [N, 3, 3] of quaternions [N, 4] (w, x, y, z), normalised first."""
     with np.errstate(over="ignore", invalid="ignore"):  # infinite ones give NaN

@@ -1,4 +1,4 @@
 """Scenes and packed models as scene files for other tools, and the loss of each format.
 
-May import: model.formats, model.pack, spec.
+May import: spec, model.formats, model.pack.
 """

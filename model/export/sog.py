@@ -15,7 +15,7 @@ from PIL import Image
 
 from splatcore.model.export.quaternion import smallest_three
 from splatcore.model.formats import file
-from splatcore.model.formats.ply import SCALE_MIN
+from splatcore.model.formats.ply import log_scales
 from splatcore.model.formats.sog import CODEBOOK_MAX, PALETTE_ROW, QUATERNION_TAG
 from splatcore.model.pack.codebook import cluster
 from splatcore.spec.scene import Scene
@@ -56,8 +56,7 @@ def _parts(scene: Scene) -> tuple[dict[str, np.ndarray], dict]:
     step = np.where(high > low, (high - low) / 65535, 1)
     means = np.rint((logarithm - low) / step).astype(np.int64)
     largest, others = smallest_three(scene.quaternion)
-    with np.errstate(divide="ignore"):
-        scales, scale_codes = codebook(np.log(np.maximum(scene.scale, SCALE_MIN)))
+    scales, scale_codes = codebook(log_scales(scene))
     colours, colour_codes = codebook(scene.sh[:, 0])
     images = {
         "means_l": _pixels(means & 255),

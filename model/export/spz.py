@@ -13,7 +13,7 @@ import zstandard
 from splatcore.model.export.quaternion import smallest_three
 from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
-from splatcore.model.formats.ply import SCALE_MIN
+from splatcore.model.formats.ply import log_scales
 from splatcore.model.formats.spz import ANTIALIASED, COORDINATES, EXTENDED, FRACTION_MAX, SPZ_MAGIC
 from splatcore.model.formats.spz_axes import AXES, SPZ_AXES, turned
 from splatcore.spec.scene import Scene
@@ -57,13 +57,11 @@ def codes(scene: Scene, fraction: int) -> list[np.ndarray]:
     """Return the sections in file order, one row per Gaussian."""
     fixed = np.rint(np.ldexp(scene.position, fraction)).astype("<i4")
     position = fixed[:, :, None].view(np.uint8)[:, :, :3]  # little-endian, without the top byte
-    with np.errstate(divide="ignore"):
-        log_scale = np.log(np.maximum(scene.scale, SCALE_MIN))
     return [
         position,
         to_byte(scene.opacity * 255),
         to_byte((scene.sh[:, 0] * 0.15 + 0.5) * 255),
-        to_byte((log_scale + 10) * 16),
+        to_byte((log_scales(scene) + 10) * 16),
         rotation_words(scene.quaternion),
         to_byte(scene.sh[:, 1:] * 128 + 128),
     ]

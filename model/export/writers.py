@@ -13,10 +13,10 @@ from splatcore.model.export.unpacked import unpacked
 from splatcore.model.formats.file import input_error
 from splatcore.model.formats.gltf_write import write_glb
 from splatcore.model.formats.ply import write_compressed_ply, write_ply
-from splatcore.model.pack.chunk import MORTON_BITS, interleave
+from splatcore.model.pack.chunk import MORTON_BITS, morton_order
 from splatcore.model.pack.stored import keep
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import Scene, without_zero
 
 
 class Writer(NamedTuple):
@@ -58,8 +58,8 @@ def prepared(source: Scene | PackedModel, writer: Writer) -> tuple[Scene, str]:
     scene, lost = scene[finite], int((~finite).sum())
     if not len(scene):
         raise input_error(scene.name, "holds no Gaussian that can be exported")
-    norm = np.linalg.norm(scene.quaternion, axis=1, keepdims=True)
-    unit = np.where(norm > 0, scene.quaternion / np.where(norm > 0, norm, 1), [1, 0, 0, 0])
+    quaternion = without_zero(scene.quaternion)
+    unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     scene = replace(scene, quaternion=unit)
     if writer.sort:
         scene = scene[curve_order(scene.position)]
@@ -72,4 +72,4 @@ def curve_order(position: np.ndarray) -> np.ndarray:
     low = position.min(axis=0)
     span = max((position - low).max(), np.finfo(np.float64).tiny)
     grid = (position - low) / span * ((1 << MORTON_BITS) - 1)
-    return np.argsort(interleave(grid.astype(np.uint64)), kind="stable")
+    return morton_order(grid.astype(np.int64))

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import stat
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -157,6 +158,21 @@ def unsigned(scale: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     return np.abs(scale), notes
 
 
+@contextmanager
+def copied(content: bytes, suffix: str, where: object) -> Iterator[str]:
+    """Yield the path of a temporary file with this content, for a library that reads files alone.
+
+    An InputError inside that names the copy names `where` instead.
+    """
+    with reading(where), tempfile.NamedTemporaryFile(suffix=suffix) as copy:
+        copy.write(content)
+        copy.flush()
+        try:
+            yield copy.name
+        except InputError as error:
+            raise InputError(str(error).replace(copy.name, str(where))) from None
+
+
 def sigmoid(x: np.ndarray) -> np.ndarray:
     """1/(1 + e^−x), which converts stored opacities to 0 … 1. NaN stays NaN."""
     return 0.5 * (1 + np.tanh(0.5 * np.asarray(x, np.float64)))
@@ -192,13 +208,11 @@ def linear_scene(
 
     A negative scale gives the covariance of its absolute value. Opacities are clipped to 0 … 1.
     """
-    negative = int((scale < 0).any(axis=1).sum())
-    if negative:
-        s = "s" * (negative > 1)
-        notes += (f"{negative} Gaussian{s} with a negative scale, sign dropped",)
+    scale, negative = unsigned(scale)
+    notes += negative
     beyond = int(((opacity < 0) | (opacity > 1)).sum())
     if beyond:
         s = "ies" if beyond > 1 else "y"
         notes += (f"{beyond} opacit{s} outside 0 … 1, clipped",)
     opacity = np.clip(opacity, 0, 1)
-    return Scene(position, np.abs(scale), quaternion, opacity, sh, os.fspath(path), notes)
+    return Scene(position, scale, quaternion, opacity, sh, os.fspath(path), notes)

@@ -6,7 +6,6 @@ order m change their sign; PlayCanvas' splat-transform writes GLB in this way.
 """
 
 import os
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -18,8 +17,7 @@ from splatcore.model.formats.gltf_file import Gltf, open_gltf
 from splatcore.model.formats.placed import merged, placed
 from splatcore.model.formats.spz_axes import turned
 from splatcore.spec.convention import SH_DEGREE_MAX
-from splatcore.spec.error import InputError
-from splatcore.spec.scene import Scene, sh_count
+from splatcore.spec.scene import Scene, sh_count, without_zero
 
 GLTF_AXES = "LUF"
 """The axes of glTF: left, up, front."""
@@ -99,8 +97,7 @@ def half_turn(scene: Scene, sign: int) -> Scene:
     Quaternions are multiplied by that of the half turn and so come back with their own signs.
     """
     turn = turned(scene, GLTF_AXES)
-    still = ~scene.quaternion.any(axis=1, keepdims=True)  # zero is the identity
-    w, x, y, z = np.where(still, [1.0, 0, 0, 0], scene.quaternion).T
+    w, x, y, z = without_zero(scene.quaternion).T
     return replace(turn, quaternion=sign * np.stack([-z, -y, x, w], axis=1))
 
 
@@ -134,14 +131,9 @@ def _unpack(gltf: Gltf, view: int, axes: str | None, where: str) -> Scene:
     The extension says that unpacking turns from the SPZ's axes to glTF's. CesiumJS 1.146 does not
     turn: `--axes luf` reads as it does.
     """
-    data, _, place = gltf.view(view)
-    with file.reading(place), tempfile.NamedTemporaryFile(suffix=".spz") as copy:
-        copy.write(data)
-        copy.flush()
-        try:
-            return spz.read(copy.name, axes)
-        except InputError as error:
-            raise InputError(str(error).replace(copy.name, f"{where}: SPZ")) from None
+    data, _, _ = gltf.view(view)
+    with file.copied(data, ".spz", f"{where}: SPZ") as copy:
+        return spz.read(copy, axes)
 
 
 def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:

@@ -73,8 +73,7 @@ def write_glb(path: str | os.PathLike, scene: Scene) -> None:
 
 def _attributes(scene: Scene) -> dict[str, np.ndarray]:
     """The attributes of a scene in glTF's axes: name → [N, components]."""
-    norm = np.linalg.norm(scene.quaternion, axis=1, keepdims=True)
-    quaternion = np.where(norm == 0, [1.0, 0, 0, 0], scene.quaternion / norm)
+    quaternion = scene.quaternion / np.linalg.norm(scene.quaternion, axis=1, keepdims=True)
     colour = np.column_stack([COLOUR_OFFSET + SH_C0 * scene.sh[:, 0], scene.opacity])
     numbers = {
         "POSITION": scene.position,

@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.model.formats.file import input_error
 from splatcore.model.formats.harmonics import turn_of
-from splatcore.spec.scene import Scene, joined
+from splatcore.spec.scene import Scene, joined, without_zero
 
 UNEVEN = 1e-4
 """Largest accepted relative difference of a transform's scales: transforms have rounded numbers."""
@@ -27,12 +27,11 @@ def placed(scene: Scene, matrix: np.ndarray, where: object) -> Scene:
     rotation, size = _parts(matrix, where)
     # M and −M act alike on a covariance; one of them has a quaternion.
     turn = _quaternion(rotation * np.linalg.det(rotation).round())
-    still = ~scene.quaternion.any(axis=1, keepdims=True)  # zero is the identity
     return replace(
         scene,
         position=scene.position @ matrix[:3, :3].T + matrix[:3, 3],
         scale=scene.scale * size,
-        quaternion=_product(turn, np.where(still, [1.0, 0, 0, 0], scene.quaternion)),
+        quaternion=_product(turn, without_zero(scene.quaternion)),
         sh=turn_of(rotation, scene.sh_degree) @ scene.sh,
     )
 

@@ -225,9 +225,12 @@ def write_ply(path: str | os.PathLike, scene: Scene) -> None:
 def _stored(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """The finite logarithms [N, 3] of a scene's scales, and logits [N] of its opacities."""
     opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - OPACITY_MARGIN)
-    with np.errstate(divide="ignore"):
-        log_scale = np.log(np.maximum(scene.scale, SCALE_MIN))
-    return log_scale, np.log(opacity / (1 - opacity))
+    return log_scales(scene), np.log(opacity / (1 - opacity))
+
+
+def log_scales(scene: Scene) -> np.ndarray:
+    """The logarithms [N, 3] of a scene's scales, of at least `SCALE_MIN`."""
+    return np.log(np.maximum(scene.scale, SCALE_MIN))
 
 
 def write_compressed_ply(path: str | os.PathLike, scene: Scene) -> None:

@@ -85,21 +85,22 @@ def read_scene(path: str | os.PathLike, axes: str | None = None, lod: int | None
     and a level of detail for a file without them.
     """
     file = scene_file(path)
-    format = find_format(file)
-    check_choices(file, axes, lod)
+    format = check_choices(file, axes, lod)
     choices = [choice for choice in (axes, lod) if choice is not None]
     with np.errstate(all="ignore"):  # NaN and Inf are noted instead
         scene = format.read(file, *choices)
         return replace(scene, notes=scene.notes + _notes(scene))
 
 
-def check_choices(path: str | os.PathLike, axes: str | None, lod: int | None):
-    """Raise InputError if axes or a level are given for a file of a format without this choice."""
+def check_choices(path: str | os.PathLike, axes: str | None, lod: int | None) -> Format:
+    """Return the format of a file; raises InputError if axes or a level are given for a format
+    without this choice."""
     format = find_format(path)
     if axes and not format.axes:
         raise input_error(path, f"--axes {axes}: only {CHOICE} files have a choice of axes")
     if lod is not None and not format.lod:
         raise input_error(path, f"--lod {lod}: only a streamed SOG has levels of detail")
+    return format
 
 
 def scene_file(path: str | os.PathLike) -> str | os.PathLike:

@@ -8,7 +8,6 @@ streams are checked here first. Axes are stated in the file, or chosen by the ca
 import gzip
 import os
 import struct
-import tempfile
 import zlib
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,7 +20,6 @@ from splatcore.model.formats import file
 from splatcore.model.formats.file import input_error
 from splatcore.model.formats.spz_axes import AXES, SPZ_AXES, turned
 from splatcore.spec.convention import SH_DEGREE_MAX
-from splatcore.spec.error import InputError
 from splatcore.spec.scene import Scene, sh_count
 
 SPZ_MAGIC = b"NGSP"
@@ -236,13 +234,9 @@ def _decode_copy(header: Header, payload: bytes, path: str | os.PathLike) -> Sce
         parts[5] = np.frombuffer(parts[5], np.uint8).reshape(count, -1)[:, :kept].tobytes()
     version = min(max(version, 2), 3)  # 1 and 2, 3 and 4 have the same rotations
     start = SPZ_MAGIC + struct.pack("<IIBBxx", version, count, degree, header.fraction)
-    with file.reading(path), tempfile.NamedTemporaryFile(suffix=".spz") as copy:
-        copy.write(gzip.compress(start + b"".join(parts), compresslevel=1))
-        copy.flush()
-        try:
-            scene = _decode(copy.name, path)
-        except InputError as error:
-            raise InputError(str(error).replace(copy.name, str(path))) from None
+    content = gzip.compress(start + b"".join(parts), compresslevel=1)
+    with file.copied(content, ".spz", path) as copy:
+        scene = _decode(copy, path)
     return scene if position is None else replace(scene, position=position)
 
 

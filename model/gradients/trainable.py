@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from splatcore.model.formats.file import reading
-from splatcore.model.formats.ply import OPACITY_MARGIN, SCALE_MIN
+from splatcore.model.formats.ply import OPACITY_MARGIN, log_scales
 from splatcore.spec.scene import Scene
 
 RATES = {
@@ -63,7 +63,7 @@ def tensors_of(scene: Scene) -> Tensors:
     opacity = np.clip(scene.opacity, OPACITY_MARGIN, 1 - 1e-6)
     arrays = {
         "means": scene.position,
-        "scales": np.log(np.maximum(scene.scale, SCALE_MIN)),
+        "scales": log_scales(scene),
         "quats": scene.quaternion,
         "opacities": np.log(opacity) - np.log1p(-opacity),
         "sh0": scene.sh[:, :1],

@@ -24,6 +24,7 @@ from splatcore.sim.rtl.streams import Simulation, StreamRuleError
 from splatcore.spec import config
 from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
 from tb.helpers.command import run
+from tb.helpers.runs import marked
 
 HERE = Path(__file__).parent
 
@@ -208,20 +209,15 @@ SLOW = (
 """Parts that take long to synthesise."""
 
 
-def marked(slow: tuple[str, ...], *parts: str) -> list:
-    """Parts as parameters; the slow ones run in `make verify`."""
-    return [pytest.param(name, marks=[pytest.mark.verify] * (name in slow)) for name in parts]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(SLOW, *FLAT, *DEEP, *CONTROL))
+@pytest.mark.parametrize("name", marked([*FLAT, *DEEP, *CONTROL], SLOW))
 def test_no_path_is_too_deep(name, netlist):
     """No part is deeper than DEPTH_MAX; `points` contains all stages that work on points."""
     assert netlist(name).mapped(SPEED)["depth"] <= DEPTH_MAX
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(SLOW, *FLAT, *DEEP))
+@pytest.mark.parametrize("name", marked([*FLAT, *DEEP], SLOW))
 def test_speed_costs_few_gates(name, netlist):
     """Synthesis for speed takes at most 10 % more gates, 15 % in the large parts."""
     found = netlist(name).gates()

@@ -31,7 +31,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import COLOURS, SLOPES
 from splatcore.spec.schedule import schedule
 from tb.helpers.colour_rows import any_bytes, few_bits, project_case, random_model
-from tb.helpers.runs import compiled
+from tb.helpers.runs import compiled, marked
 
 MACHINES = {degree: replace(DEFAULT, sh_degree=degree) for degree in range(4)}
 DEGREES = (0, 1, pytest.param(2, marks=pytest.mark.verify), 3)
@@ -59,12 +59,6 @@ ARRAYS = {
 
 LONGER = ("two arrays", "dense", "products", "few slots", "fine colours", "narrow", "wide")
 """Machines that only `make verify` compiles."""
-
-
-def marked(names) -> list:
-    """Names of machines as parameters."""
-    return [pytest.param(name, marks=[pytest.mark.verify] * (name in LONGER)) for name in names]
-
 
 ALONE = [np.full(3, number) for number in range(len(LAYOUTS))]
 MIXED = np.array([FINE, 0, COARSE, SECOND, SECOND, FINE, COARSE, 0, FINE, FINE, 0])
@@ -124,7 +118,7 @@ def test_stalls(degree):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(OTHERS))
+@pytest.mark.parametrize("name", marked(OTHERS, LONGER))
 def test_other_machines(name):
     config = OTHERS[name]
     for stall in (0, 0.5):
@@ -141,7 +135,7 @@ COMPENSATING = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(COMPENSATING))
+@pytest.mark.parametrize("name", marked(COMPENSATING, LONGER))
 def test_compensated_opacities(name):
     """Of Gaussians of any shape and size, at any place."""
     config = COMPENSATING[name]

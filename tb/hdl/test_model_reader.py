@@ -18,6 +18,7 @@ from tb.helpers.colour_rows import random_model
 from tb.helpers.configs import PORTS
 from tb.helpers.model_memory import Image, check_reading, fetch_ranges
 from tb.helpers.point_rows import counts
+from tb.helpers.runs import marked
 
 NARROW, WIDE = PORTS.values()
 
@@ -150,10 +151,7 @@ OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic"}
 """Fields to try on machines of lower degrees, which treat all other fields like `NARROW`."""
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.verify] * (n in ("degree 1", "PAPER"))) for n in MACHINES],
-)
+@pytest.mark.parametrize("name", marked(MACHINES, ("degree 1", "PAPER")))
 def test_headers(name):
     config = MACHINES[name]
     formats = [memory.model_format(config, d) for d in memory.compact_degrees(config)]

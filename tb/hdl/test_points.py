@@ -28,6 +28,7 @@ from splatcore.spec.point import (
     projecting_record,
 )
 from tb.helpers.point_rows import PointRows, point_rows
+from tb.helpers.runs import marked
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
 from tb.stages.points import PARTS, check, with_harmonics
 
@@ -66,10 +67,7 @@ MACHINES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    ["paper", *(pytest.param(n, marks=pytest.mark.verify) for n in MACHINES if n != "paper")],
-)
+@pytest.mark.parametrize("name", marked(MACHINES, MACHINES.keys() - {"paper"}))
 def test_machines_equal_golden(name):
     config, interval = MACHINES[name]
     model, _ = pack(generate("garden", 3000), config)

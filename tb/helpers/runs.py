@@ -1,7 +1,7 @@
 """Runs of compiled components: cases with golden outputs, counters, planted faults."""
 
 import shutil
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -18,6 +18,13 @@ Rows = dict[str, np.ndarray]
 needs_icarus = pytest.mark.skipif(
     not shutil.which("iverilog"), reason="needs Icarus: apt-get install iverilog"
 )
+
+
+def marked(
+    names: Iterable[str], slow: Collection[str], mark: pytest.MarkDecorator = pytest.mark.verify
+) -> list:
+    """Names as parameters of a test; the slow ones have the mark, outside `make test`."""
+    return [pytest.param(name, marks=[mark] * (name in slow)) for name in names]
 
 
 @cache

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splatcore.sim.rtl.cocotb_runner import run_testbench
-from tb.helpers.runs import needs_icarus
+from tb.helpers.runs import marked, needs_icarus
 from tb.stages.table import KINDS, STAGES, Stage
 
 pytestmark = pytest.mark.slow
@@ -62,9 +62,7 @@ def test_what_is_wrong_is_found(found, tmp_path):
         run("cascade", replace(stage, cases=lambda: {"full": wrong}), tmp_path, few=True)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.testbenches] * (n in LARGE)) for n in STAGES]
-)
+@pytest.mark.parametrize("name", marked(STAGES, LARGE, pytest.mark.testbenches))
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_stage(name, simulator, tmp_path):
     run(name, STAGES[name], tmp_path, simulator, few=simulator == "icarus")
