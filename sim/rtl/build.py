@@ -131,14 +131,14 @@ def _precompile(header: Path, objects: Path, variables: dict[str, str], level: s
     target = header.with_name(f"{header.name}.gch")
     if target.exists():
         return
-    scratch = header.with_name(f"{os.getpid()}{level}.h")  # other processes may make it too
+    # Other processes may make it too; clang looks for the file that it was made from.
+    scratch = header.with_name(f"{os.getpid()}{level}.h")
     scratch.write_text(HEADER)
     made = scratch.with_name(f"{scratch.name}.fast.gch")
     command = ["make", "-f", "Vtop.mk", f"OPT_FAST={level}", str(made)]
     subprocess.run(command, cwd=objects, env=variables, capture_output=True, check=False)
     if made.exists():
         made.replace(target)
-    scratch.unlink()
 
 
 def _copy(source: Path, target: Path) -> None:
