@@ -90,7 +90,7 @@ def flow(folder: Path, target: str) -> subprocess.CompletedProcess:
     return at_prompt(folder, block.replace("lint", target))
 
 
-@pytest.mark.slow
+@pytest.mark.verify
 def test_fusesoc_lint(delivered):
     done = flow(delivered, "lint")
     assert done.returncode == 0, done.stdout + done.stderr

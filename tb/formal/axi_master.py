@@ -141,7 +141,7 @@ PROOF = Proof(
         "other port": part(other_port(TINY), verify=True),
         "wide addresses": part(WIDE, verify=True),
         "small": part(TINY, setting=small),
-        "small, wide addresses": part(WIDE, setting=small),
+        "small, wide addresses": part(WIDE, setting=small, verify=True),
     },
     FAULTS,
     {"": part(WIDE, search=FAULT_DEPTH, setting=small)},

@@ -46,18 +46,22 @@ OTHERS = {
 }
 
 ARRAY = Config(name="ARRAY", colours="array", sh_degree=1)
+MANY = replace(
+    ARRAY, name="MANY", pes=7, colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))
+)
+"""More stages than `ARRAY`, and a different number of them in models of degree 0."""
+
 ARRAYS = {
     ARRAY: 7,
     PAPER: 5,
     replace(ARRAY, name="PLAIN", sh_degree=0): 3,
-    # More stages than `ARRAY`, and a different number of them in models of degree 0.
-    replace(
-        ARRAY, name="MANY", pes=7, colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))
-    ): 10,
-}  # fmt: skip
+    MANY: 10,
+}
 """Machines whose colours come from the array, and cycles per look-up in their codebooks."""
 
-LONGER = ("two arrays", "dense", "products", "few slots", "fine colours", "narrow", "wide")
+LONGER = tuple(
+    "two arrays,dense,products,few slots,fine colours,many stages,narrow,wide".split(",")
+)
 """Machines that only `make verify` compiles."""
 
 ALONE = [np.full(3, number) for number in range(len(LAYOUTS))]
@@ -156,7 +160,7 @@ each_array = pytest.mark.parametrize("config", ARRAYS, ids=lambda config: config
 
 
 @pytest.mark.slow
-@each_array
+@pytest.mark.parametrize("config", marked(ARRAYS, [MANY]), ids=lambda config: config.name)
 def test_colours_from_the_array(config):
     """All exponents, from the smallest to the largest; entries of any bits, and at the ends of
     their formats; each model's codebooks replace the previous ones."""

@@ -16,11 +16,12 @@ from splatcore.spec.sort import half_entries
 from splatcore.study.bench.sort import BOUND, BOUND_FROM
 from splatcore.study.bench.sort_parts import KEYS, entries_of
 from tb.helpers.configs import MACHINES, machines
-from tb.helpers.runs import compiled, counters, faults_are_found
+from tb.helpers.runs import compiled, counters, faults_are_found, marked
 from tb.planted.fault import planted_in
 from tb.stages.sorting import sort_case
 
 SORTERS = machines("TINY DEFAULT four one three")
+LARGE = ("four", "three")  # only `make verify` compiles these
 
 SAMPLES = ("o__valid", "o__payload")
 
@@ -65,7 +66,7 @@ def test_tiny_equals_golden(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["one", "three"])
+@pytest.mark.parametrize("name", marked(["one", "three"], LARGE))
 def test_other_sizes_equal_golden(name):
     half = half_entries(MACHINES[name])
     for seed, (kind, stall) in enumerate(product(KEYS, (0, 0.4))):
@@ -75,7 +76,7 @@ def test_other_sizes_equal_golden(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
-@pytest.mark.parametrize("name", ["DEFAULT", "four"])
+@pytest.mark.parametrize("name", marked(["DEFAULT", "four"], LARGE))
 def test_whole_halves_equal_golden(name, kind):
     config = MACHINES[name]
     half = half_entries(config)
@@ -86,7 +87,7 @@ def test_whole_halves_equal_golden(name, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KEYS)
-@pytest.mark.parametrize("name", SORTERS)
+@pytest.mark.parametrize("name", marked(SORTERS, LARGE))
 def test_cycles_of_a_list(name, kind):
     """Within `BOUND` (except with a single sub-sorter) and 3 % of the model, for any keys."""
     config = MACHINES[name]
@@ -100,7 +101,7 @@ def test_cycles_of_a_list(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SORTERS)
+@pytest.mark.parametrize("name", marked(SORTERS, LARGE))
 def test_cycles_of_many_groups(name):
     """As in the model; 2 per entry and some per group, if one sub-sorter loads as another sends."""
     config, random = MACHINES[name], np.random.default_rng(5)

@@ -21,7 +21,7 @@ needs_icarus = pytest.mark.skipif(
 
 
 def marked(
-    names: Iterable[str], slow: Collection[str], mark: pytest.MarkDecorator = pytest.mark.verify
+    names: Iterable, slow: Collection, mark: pytest.MarkDecorator = pytest.mark.verify
 ) -> list:
     """Names as parameters of a test; the slow ones have the mark, outside `make test`."""
     return [pytest.param(name, marks=[mark] * (name in slow)) for name in names]

@@ -43,7 +43,9 @@ def models() -> list[PackedModel]:
     return [pack(scene(), TINY, degree, quality=quality)[0] for degree, quality in kinds]
 
 
-@pytest.mark.parametrize("timing", [IDEAL, ROUGH], ids=lambda timing: timing.name)
+@pytest.mark.parametrize(
+    "timing", [IDEAL, pytest.param(ROUGH, marks=pytest.mark.verify)], ids=lambda timing: timing.name
+)
 def test_frames_of_all_kinds_of_models(timing):
     """Frames one after the other: no state of a model remains for the next one."""
     jobs = [Job(model, camera) for model in models() for camera in (AMID, view(40, 36, 1))]

@@ -27,6 +27,7 @@ def jobs() -> list[Job]:
     return [Job(garden(WIDE, 40), view()), *dealt]
 
 
+@pytest.mark.verify
 @pytest.mark.parametrize("timing", [LPDDR4, ROUGH], ids=lambda timing: timing.name)
 def test_each_area_in_a_window_of_its_own(timing):
     """Other windows answer by errors, and no two areas have the same address within a window."""
