@@ -214,7 +214,8 @@ class Outlines:
         last = np.array([width - 1, height - 1])
         if self.radius is None:
             a, b, c = self.conic.T
-            half = np.sqrt(self.reach[:, None] * np.stack([c, a], 1) / (a * c - b * b)[:, None])
+            reach = np.maximum(self.reach, 0)[:, None]
+            half = np.sqrt(reach * np.stack([c, a], 1) / (a * c - b * b)[:, None])
             low = np.clip((self.centre - half) // TILE - 1, 0, last // TILE + 1)
             high = np.clip((self.centre + half) // TILE + 1, -1, last // TILE)
         else:
