@@ -18,7 +18,7 @@ from splatcore.model.formats.gltf_file import GLB_MAGIC
 from splatcore.model.formats.harmonics import directions, harmonics
 from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
-from splatcore.spec.scene import ARRAYS, Scene
+from splatcore.spec.scene import ARRAYS, Scene, batches
 
 
 class Format(NamedTuple):
@@ -159,6 +159,24 @@ LOOKS = 200  # directions, evenly over the sphere, in which bright Gaussians are
 
 def _notes(scene: Scene) -> tuple[str, ...]:
     """A line per kind of unusual Gaussian, with their number."""
+    low, high = NORM_RANGE
+    kinds = (
+        "Gaussian{s} with NaN or Inf",
+        "quaternion{s} of norm 0",
+        f"quaternion{{s}} of a norm outside {low:g} … {high:g}",
+        "transparent Gaussian{s} (opacity below 1/255)",
+        f"Gaussian{{s}} with colours from {COLOUR_MAX:g} on, which saturate in the machine",
+    )
+    counts = sum((_unusual(scene[rows]) for rows in batches(len(scene))), np.zeros(len(kinds), int))
+    return tuple(
+        f"{count} {kind.format(s='' if count == 1 else 's')}"
+        for count, kind in zip(counts, kinds, strict=True)
+        if count
+    )
+
+
+def _unusual(scene: Scene) -> np.ndarray:
+    """The number of Gaussians of each kind of `_notes`."""
     arrays = [getattr(scene, name).reshape(len(scene), -1) for name in ARRAYS]
     kept = scene
     if not np.isfinite([(array.min(), array.max()) for array in arrays]).all():
@@ -166,20 +184,10 @@ def _notes(scene: Scene) -> tuple[str, ...]:
     norm = np.sqrt(np.einsum("nk,nk->n", kept.quaternion, kept.quaternion))
     low, high = NORM_RANGE
     odd = (norm > 0) & ((norm < low) | (norm > high))
-    counts = {
-        "Gaussian{s} with NaN or Inf": len(scene) - len(kept),
-        "quaternion{s} of norm 0": np.sum(norm == 0),
-        f"quaternion{{s}} of a norm outside {low:g} … {high:g}": np.sum(odd),
-        "transparent Gaussian{s} (opacity below 1/255)": np.sum(kept.opacity < ALPHA_MIN),
-        f"Gaussian{{s}} with colours from {COLOUR_MAX:g} on, which saturate in the machine": (
-            _saturating(kept.sh)
-        ),
-    }
-    return tuple(
-        f"{count} {kind.format(s='' if count == 1 else 's')}"
-        for kind, count in counts.items()
-        if count
-    )
+    transparent = np.sum(kept.opacity < ALPHA_MIN)
+    saturating = _saturating(np.asarray(kept.sh, np.float64))
+    lost = len(scene) - len(kept)
+    return np.array([lost, np.sum(norm == 0), np.sum(odd), transparent, saturating])
 
 
 def _saturating(sh: np.ndarray) -> int:
