@@ -38,8 +38,8 @@ def _ranges(position: np.ndarray, scale: np.ndarray, opacity: np.ndarray) -> dic
     if not len(position):
         return {}
     return {
-        "lowest_corner": _rounded(position.min(0)),
-        "highest_corner": _rounded(position.max(0)),
+        "lowest_corner": _rounded([column.min() for column in position.T]),
+        "highest_corner": _rounded([column.max() for column in position.T]),
         "middle_98_percent": [*map(_rounded, np.percentile(position, (1, 99), axis=0))],
         "scale_percentiles": _rounded(np.percentile(scale, PERCENTILES)),
         "opacity_percentiles": _rounded(np.percentile(opacity, PERCENTILES)),

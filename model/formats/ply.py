@@ -42,7 +42,9 @@ _BOUNDS = [
     for side in ("min", "max")
     for name in names.split()
 ]
-_PLAIN = "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 opacity".split()
+_PLACE, _SCALE = ["x", "y", "z"], ["scale_0", "scale_1", "scale_2"]
+_ROTATION = ["rot_0", "rot_1", "rot_2", "rot_3"]
+_PLAIN = [*_PLACE, *_SCALE, *_ROTATION, "opacity"]
 _DC, _RGB = ["f_dc_0", "f_dc_1", "f_dc_2"], ["red", "green", "blue"]
 FILTER = ply_marks.FILTER.lower()
 _PACKED = ["packed_position", "packed_rotation", "packed_scale", "packed_color"]
@@ -111,6 +113,10 @@ def _check(table: np.ndarray, names: list[str], where: object, kind: type | None
 
 def _columns(table: np.ndarray, names: list[str], kind: type = np.float64) -> np.ndarray:
     """Properties of a structured array [N] by name, [N, len(names)], as `kind`."""
+    fields, types = table.dtype.names, {table.dtype[name] for name in table.dtype.names}
+    if len(types) == 1:  # ten times as fast as column by column
+        flat = table.view(types.pop()).reshape(len(table), len(fields))
+        return flat.take([fields.index(name) for name in names], axis=1).astype(kind, copy=False)
     found = np.empty((len(table), len(names)), kind)
     for column, name in zip(found.T, names, strict=True):
         column[:] = table[name]
@@ -139,15 +145,16 @@ def _plain(vertex: np.ndarray, path: str | os.PathLike) -> Scene:
     types = {vertex.dtype[name].newbyteorder("=") for name in used[:3] + rest}
     kind = np.float32 if types == {np.dtype("f4")} and not coloured else np.float64
 
+    of_sh = [*used[:3], *np.reshape(rest, (3, -1)).T.ravel()]  # by coefficient, then channel
+
     def convert(rows: slice) -> Scene:
         some = vertex[rows]
-        constant = _columns(some, used[:3], kind)
+        sh = _columns(some, of_sh, kind).reshape(len(some), -1, 3)
         if coloured:
-            constant = (_colours(vertex, constant) - COLOUR_OFFSET) / SH_C0
-        higher = _channel_last(_columns(some, rest, kind)) if rest else None
-        position, scale, quaternion, opacity = np.split(_columns(some, _PLAIN), (3, 6, 10), axis=1)
-        opacity = file.sigmoid(opacity[:, 0])
-        return file.stored_scene(path, position, scale, quaternion, opacity, constant, higher)
+            sh = (_colours(vertex, sh) - COLOUR_OFFSET) / SH_C0
+        position, scale, quaternion = (_columns(some, each) for each in (_PLACE, _SCALE, _ROTATION))
+        opacity = file.sigmoid(_columns(some, ["opacity"])[:, 0])
+        return Scene(position, np.exp(scale), quaternion, opacity, sh, os.fspath(path))
 
     scene = file.in_batches(len(vertex), convert)
     used += rest
@@ -217,7 +224,7 @@ def _unpacked(bounds: np.ndarray, packed: np.ndarray, path: str | os.PathLike):
 def header(count: int, degree: int, comments: Iterable[str] = ()) -> tuple[bytes, int]:
     """The header of a PLY of the original 3DGS, and the number of its float32 columns."""
     rest = [f"f_rest_{k}" for k in range(3 * (sh_count(degree) - 1))]
-    names = [*_PLAIN[:3], "nx", "ny", "nz", *_DC, *rest, "opacity", *_PLAIN[3:10]]
+    names = [*_PLACE, "nx", "ny", "nz", *_DC, *rest, "opacity", *_SCALE, *_ROTATION]
     return ply_file.header({"vertex": (count, "float", names)}, comments), len(names)
 
 
