@@ -121,13 +121,16 @@ class Scene:
 def joined(scenes: Sequence[Scene]) -> Scene:
     """Join scenes into one; all but the arrays is the first one's, harmonics that a scene lacks are
     0."""
+    if len(scenes) == 1:
+        return scenes[0]
+    arrays = {name: np.concatenate([getattr(each, name) for each in scenes]) for name in ARRAYS[:4]}
     most = max(scene.sh.shape[1] for scene in scenes)
-    padded = [
-        replace(scene, sh=np.pad(scene.sh, ((0, 0), (0, most - scene.sh.shape[1]), (0, 0))))
-        for scene in scenes
-    ]
-    arrays = {name: np.concatenate([getattr(each, name) for each in padded]) for name in ARRAYS}
-    return replace(scenes[0], **arrays)
+    kind = np.result_type(*(scene.sh.dtype for scene in scenes))
+    sh, end = np.zeros((len(arrays["position"]), most, 3), kind), 0
+    for scene in scenes:
+        sh[end : end + len(scene), : scene.sh.shape[1]] = scene.sh
+        end += len(scene)
+    return replace(scenes[0], **arrays, sh=sh)
 
 
 def without_zero(quaternion: np.ndarray) -> np.ndarray:

@@ -101,7 +101,7 @@ def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, 
     return (f"{says}: the rest is not read",)
 
 
-def _check(table: np.ndarray, names: list[str], where: object, kind: type | None = None) -> None:
+def _check(table: np.ndarray, names: list[str], where: object, kind: type | None = None):
     """Raise InputError unless a structured array has the properties, of the type `kind` if given."""
     for name in names:
         if name not in table.dtype.names:
@@ -212,7 +212,7 @@ def _compressed(elements: dict[str, np.ndarray], path: str | os.PathLike) -> Sce
 
 
 def _unpacked(bounds: np.ndarray, packed: np.ndarray, path: str | os.PathLike):
-    """Decode chunks with gsply: bounds [C, 18] and codes [N, 4], in the one layout that it reads."""
+    """Decode chunks by gsply: bounds [C, 18] and codes [N, 4], in the one layout that it reads."""
     import gsply  # imports numba, which takes a third of a second
 
     elements = {"chunk": (len(bounds), "float", _BOUNDS), "vertex": (len(packed), "uint", _PACKED)}

@@ -53,7 +53,9 @@ def turned(scene: Scene, axes: str) -> Scene:
         position=position * sign,
         scale=scene.scale[:, order] if swapped else scene.scale,
         quaternion=quaternion * [1, *rotation],
-        sh=turn @ sh.astype(np.float64) if swapped else sh * np.diag(turn).astype(sh.dtype)[:, None],
+        sh=turn @ sh.astype(np.float64)
+        if swapped
+        else sh * np.diag(turn).astype(sh.dtype)[:, None],
     )
 
 
