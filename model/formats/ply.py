@@ -102,7 +102,7 @@ def _surplus(ply: PlyFile, scene: Scene, path: str | os.PathLike) -> tuple[str, 
 
 
 def _check(table: np.ndarray, names: list[str], where: object, kind: type | None = None):
-    """Raise InputError unless a structured array has the properties, of the type `kind` if given."""
+    """Raise InputError unless a table has the properties, all of the type `kind` if given."""
     for name in names:
         if name not in table.dtype.names:
             raise input_error(where, f"property {name!r} is missing")
