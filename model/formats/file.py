@@ -2,6 +2,7 @@
 
 import json
 import math
+import mmap
 import os
 import stat
 import tempfile
@@ -59,6 +60,13 @@ def read_bytes(path: str | os.PathLike, count: int = -1) -> bytes:
     file_size(path)
     with reading(path), open(path, "rb") as file:
         return file.read(count)
+
+
+def mapped(path: str | os.PathLike) -> mmap.mmap:
+    """Map a file into memory; its pages are read when they are used and can be dropped again."""
+    file_size(path)
+    with reading(path), open(path, "rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def check_count(count: int, where: object) -> None:
