@@ -87,6 +87,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         content = _gunzip(data, path)
     else:
         raise input_error(path, "is not an SPZ file")
+    del data  # unpacked by now
     header = content.header
     stated, records = _stated_axes(header, content.records, path)
     if header.version < 4 and records:
