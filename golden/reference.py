@@ -201,7 +201,7 @@ def colours(
     gaussians: Gaussians, index: np.ndarray, camera: Camera, convention: Convention
 ) -> np.ndarray:
     """Return the RGB colours [M, 3] ≥ 0 of Gaussians `index` [M], seen from the camera."""
-    sh = gaussians.sh[index]  # [M, (degree+1)², 3]
+    sh = np.asarray(gaussians.sh[index], np.float64)  # [M, (degree+1)², 3]
     ray = gaussians.position[index] - camera.position
     ray /= np.abs(ray).max(axis=1, keepdims=True)  # the square of a large one would overflow
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)

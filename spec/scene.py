@@ -1,6 +1,6 @@
 """A scene as stored in files, and the Gaussians that renderers take."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,14 @@ from splatcore.spec.error import InputError
 ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
 """Fields of a `Scene` with one row per Gaussian."""
 
+BATCH = 1 << 15
+"""Gaussians that are worked on at a time: their intermediate arrays stay in a core's cache."""
+
+
+def batches(count: int) -> Iterator[slice]:
+    """Yield the slices of at most `BATCH` rows that make up `count` rows."""
+    return (slice(first, min(first + BATCH, count)) for first in range(0, count, BATCH))
+
 
 def sh_count(degree: int) -> int:
     """Return the number of spherical-harmonics coefficients per channel up to `degree`."""
@@ -18,7 +26,8 @@ def sh_count(degree: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """N Gaussians in world space, float64: the input of every renderer of this project.
+    """N Gaussians in world space: the input of every renderer of this project. Arrays are float64;
+    `sh` may be float32, and is converted before it is computed with.
 
     factor: R·S of a scene file or the lower-triangular L of a packed model; the covariance is
         factor @ factor.T
@@ -45,7 +54,10 @@ class Gaussians:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene in the PLY frame of 3DGS with every activation applied (exp, sigmoid), float64.
+    """A scene in the PLY frame of 3DGS with every activation applied (exp, sigmoid).
+
+    Arrays are float64. `sh` may be float32, the numbers of a file; it is converted to float64, a
+    batch at a time, before it is computed with.
 
     quaternion: not necessarily normalised (`gaussians` normalises it); zero is the identity, as in
         the original
@@ -76,7 +88,8 @@ class Scene:
             if array.shape != (count, *shape):
                 raise InputError(f"{self.name}: {name} has shape {array.shape}")
             object.__setattr__(self, name, array)
-        sh = np.ascontiguousarray(self.sh, np.float64)
+        sh = np.asarray(self.sh)
+        sh = np.ascontiguousarray(sh, np.float32 if sh.dtype == np.float32 else np.float64)
         if sh.ndim != 3 or len(sh) != count or sh.shape[1] not in (1, 4, 9, 16):
             raise InputError(f"{self.name}: sh has shape {sh.shape}")
         object.__setattr__(self, "sh", sh)
@@ -98,21 +111,26 @@ class Scene:
 
     def gaussians(self) -> Gaussians:
         """Return the input of a renderer: factor = rotation matrix · diag(scale)."""
-        rotation = rotation_matrix(self.quaternion)  # [N, 3, 3]
-        factor = rotation * self.scale[:, None, :]
+        factor = np.moveaxis(np.empty((3, len(self), 3)), 1, 0)  # in memory row by row of matrices
+        for rows in batches(len(self)):
+            rotation = rotation_matrix(self.quaternion[rows])  # [n, 3, 3]
+            np.multiply(rotation, self.scale[rows, None, :], out=factor[rows])
         return Gaussians(self.position, factor, self.opacity, self.sh, self.antialiased)
 
 
 def joined(scenes: Sequence[Scene]) -> Scene:
     """Join scenes into one; all but the arrays is the first one's, harmonics that a scene lacks are
     0."""
+    if len(scenes) == 1:
+        return scenes[0]
+    arrays = {name: np.concatenate([getattr(each, name) for each in scenes]) for name in ARRAYS[:4]}
     most = max(scene.sh.shape[1] for scene in scenes)
-    padded = [
-        replace(scene, sh=np.pad(scene.sh, ((0, 0), (0, most - scene.sh.shape[1]), (0, 0))))
-        for scene in scenes
-    ]
-    arrays = {name: np.concatenate([getattr(each, name) for each in padded]) for name in ARRAYS}
-    return replace(scenes[0], **arrays)
+    kind = np.result_type(*(scene.sh.dtype for scene in scenes))
+    sh, end = np.zeros((len(arrays["position"]), most, 3), kind), 0
+    for scene in scenes:
+        sh[end : end + len(scene), : scene.sh.shape[1]] = scene.sh
+        end += len(scene)
+    return replace(scenes[0], **arrays, sh=sh)
 
 
 def without_zero(quaternion: np.ndarray) -> np.ndarray:

@@ -188,7 +188,7 @@ def _print_steps(checkpoints: Checkpoints, facts: dict):
 def _key(scene: Scene, learn: tuple, recipe: Recipe, config: Config) -> str:
     """Return the key of a compression's checkpoints: a digest of everything that changes its
     result. Rendered pictures are represented by their cameras."""
-    arrays = [getattr(scene, name) for name in ARRAYS]
+    arrays = [np.asarray(getattr(scene, name), np.float64) for name in ARRAYS]
     seen = [each if isinstance(each, Target) else each.camera for each in learn]
     mark = " antialiased" if scene.antialiased else ""
     return f"{digest([arrays, seen])}{mark} {recipe!r} {config!r}"

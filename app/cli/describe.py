@@ -8,7 +8,7 @@ from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.source import Source
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import chunk_count
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import batches
 
 PERCENTILES = (0, 1, 50, 99, 100)
 NEEDLE_RATIO, FLAKE_RATIO = 1000.0, 1000.0
@@ -21,33 +21,41 @@ def describe(source: Source) -> dict:
     if source.model is not None:
         return _describe_model(source)
     scene = source.scene
-    finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)
-    finite &= np.isfinite(scene.opacity)
     facts = {"scene": source.name, "gaussians": len(scene), "sh_degree": scene.sh_degree}
-    facts |= source.stated | _ranges(scene[finite])
-    axes = np.sort(scene.scale[finite], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        facts["needles"] = int((axes[:, 2] > NEEDLE_RATIO * axes[:, 1]).sum())
-        facts["flakes"] = int((axes[:, 1] > FLAKE_RATIO * axes[:, 0]).sum())
-    facts["transparent"] = int((scene.opacity[finite] < ALPHA_MIN).sum())
+    arrays = [scene.position, scene.scale, scene.opacity]
+    if not np.isfinite([(array.min(), array.max()) for array in arrays if array.size]).all():
+        finite = np.isfinite(scene.position).all(1) & np.isfinite(scene.scale).all(1)
+        finite &= np.isfinite(scene.opacity)
+        arrays = [array[finite] for array in arrays]
+    facts |= source.stated | _ranges(*arrays) | _shapes(*arrays[1:])
     del facts["near"]
     facts["notes"] = facts.pop("notes")  # at the end of the table
     return facts
 
 
-def _ranges(scene: Scene) -> dict:
+def _ranges(position: np.ndarray, scale: np.ndarray, opacity: np.ndarray) -> dict:
     """Return extents and ranges of finite Gaussians."""
-    if not len(scene):
+    if not len(position):
         return {}
     return {
-        "lowest_corner": _rounded(scene.position.min(0)),
-        "highest_corner": _rounded(scene.position.max(0)),
-        "middle_98_percent": [
-            _rounded(np.percentile(scene.position, percent, axis=0)) for percent in (1, 99)
-        ],
-        "scale_percentiles": _rounded(np.percentile(scene.scale, PERCENTILES)),
-        "opacity_percentiles": _rounded(np.percentile(scene.opacity, PERCENTILES)),
+        "lowest_corner": _rounded([column.min() for column in position.T]),
+        "highest_corner": _rounded([column.max() for column in position.T]),
+        "middle_98_percent": [*map(_rounded, np.percentile(position, (1, 99), axis=0))],
+        "scale_percentiles": _rounded(np.percentile(scale, PERCENTILES)),
+        "opacity_percentiles": _rounded(np.percentile(opacity, PERCENTILES)),
     }
+
+
+def _shapes(scale: np.ndarray, opacity: np.ndarray) -> dict:
+    """Return the numbers of finite Gaussians of unusual shape, and of transparent ones."""
+    needles = flakes = 0
+    with np.errstate(over="ignore"):
+        for rows in batches(len(scale)):
+            shortest, middle, longest = np.sort(scale[rows], axis=1).T
+            needles += int((longest > NEEDLE_RATIO * middle).sum())
+            flakes += int((middle > FLAKE_RATIO * shortest).sum())
+    transparent = int((opacity < ALPHA_MIN).sum())
+    return {"needles": needles, "flakes": flakes, "transparent": transparent}
 
 
 def _describe_model(source: Source) -> dict:

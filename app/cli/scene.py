@@ -38,12 +38,13 @@ def scene_command(
     name: str = argument(..., "NAME", "Scene to generate."),
     output: Path = PLY,
     count: int | None = option(None, "N", "Number of Gaussians."),
+    sh_degree: int | None = option(None, "N", "SH degree of the garden, 0 … 3 (default: 1)."),
     seed: int = option(0, "N", "Random seed."),
     cameras: Path | None = CAMERAS_FILE,
     antialiased: bool | None = ANTIALIASED,
 ):
     with progress_bar(f"generating {name}"):
-        made = replace(generate(name, count, seed), antialiased=bool(antialiased))
+        made = replace(generate(name, count, seed, sh_degree), antialiased=bool(antialiased))
         _write(output, cameras, made, generated_camera(name))
 
 

@@ -67,13 +67,13 @@ def projected(scene: Scene, degree: int, cameras: Views) -> Scene:
     over which harmonics are orthogonal; seen by few cameras, lower degrees can take over much of
     the higher ones.
     """
-    count = sh_count(degree)
+    count, sh = sh_count(degree), np.asarray(scene.sh, np.float64)
     matrix, wanted = np.zeros((len(scene), count, count)), np.zeros((len(scene), count, 3))
     for camera, weight in zip(cameras, blending_weights(scene.gaussians(), cameras), strict=True):
-        add_equations(scene.position, scene.sh, weight, camera.position, matrix, wanted)
+        add_equations(scene.position, sh, weight, camera.position, matrix, wanted)
     total = np.maximum(matrix[:, 0, 0], np.finfo(np.float32).tiny)[:, None, None]
     matrix = matrix / total + PULL * np.eye(count)
-    wanted = wanted / total + PULL * scene.sh[:, :count]
+    wanted = wanted / total + PULL * sh[:, :count]
     return replace(scene, sh=np.linalg.solve(matrix, wanted))
 
 

@@ -98,7 +98,7 @@ def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
     """The scene with Gaussians `index` replaced by the Gaussians of another."""
     arrays = {}
     for name in ARRAYS:
-        arrays[name] = getattr(scene, name).copy()
+        arrays[name] = np.array(getattr(scene, name), np.float64)
         arrays[name][index] = getattr(by, name)
     return replace(scene, **arrays)
 

@@ -21,13 +21,14 @@ def losses(scene: Scene, stored: Scene) -> dict[str, dict[str, float]]:
     scene: as exported
     stored: as read from the file, the same Gaussians in the same order
     """
+    apart = np.subtract(stored.sh, scene.sh, dtype=np.float64)
     errors = {
         "position": np.linalg.norm(stored.position - scene.position, axis=1),
         "scale": 100 * _of_longest(stored.scale - scene.scale, scene.scale),
         "rotation": np.degrees(angles(stored.quaternion, scene.quaternion)),
         "opacity": stored.opacity - scene.opacity,
-        "colour": stored.sh[:, 0] - scene.sh[:, 0],
-        "harmonics": stored.sh[:, 1:] - scene.sh[:, 1:],
+        "colour": apart[:, 0],
+        "harmonics": apart[:, 1:],
     }
     return {
         name: {

@@ -51,13 +51,14 @@ def _webp(pixels: np.ndarray) -> bytes:
 
 def _parts(scene: Scene) -> tuple[dict[str, np.ndarray], dict]:
     """Return images by name, pixels [N, 4] each but [rows, width, 4] of the palette; meta.json."""
+    sh = np.asarray(scene.sh, np.float64)
     logarithm = np.sign(scene.position) * np.log1p(np.abs(scene.position))
     low, high = logarithm.min(axis=0), logarithm.max(axis=0)
     step = np.where(high > low, (high - low) / 65535, 1)
     means = np.rint((logarithm - low) / step).astype(np.int64)
     largest, others = smallest_three(scene.quaternion)
     scales, scale_codes = codebook(log_scales(scene))
-    colours, colour_codes = codebook(scene.sh[:, 0])
+    colours, colour_codes = codebook(sh[:, 0])
     images = {
         "means_l": _pixels(means & 255),
         "means_u": _pixels(means >> 8),
@@ -78,7 +79,7 @@ def _parts(scene: Scene) -> tuple[dict[str, np.ndarray], dict]:
     if scene.antialiased:
         meta["model"] = "antialiased"  # splat-transform's key; "antialias" is the format's
     if scene.sh_degree:
-        rows, labels = palette(scene.sh[:, 1:].reshape(len(scene), -1))
+        rows, labels = palette(sh[:, 1:].reshape(len(scene), -1))
         numbers, codes = codebook(rows)
         coefficients = scene.sh.shape[1] - 1
         whole = np.zeros((-(-len(rows) // PALETTE_ROW) * PALETTE_ROW * coefficients, 3))

@@ -56,14 +56,15 @@ def fraction_bits(position: np.ndarray, path: str | os.PathLike) -> int:
 def codes(scene: Scene, fraction: int) -> list[np.ndarray]:
     """Return the sections in file order, one row per Gaussian."""
     fixed = np.rint(np.ldexp(scene.position, fraction)).astype("<i4")
+    sh = np.asarray(scene.sh, np.float64)
     position = fixed[:, :, None].view(np.uint8)[:, :, :3]  # little-endian, without the top byte
     return [
         position,
         to_byte(scene.opacity * 255),
-        to_byte((scene.sh[:, 0] * 0.15 + 0.5) * 255),
+        to_byte((sh[:, 0] * 0.15 + 0.5) * 255),
         to_byte((log_scales(scene) + 10) * 16),
         rotation_words(scene.quaternion),
-        to_byte(scene.sh[:, 1:] * 128 + 128),
+        to_byte(sh[:, 1:] * 128 + 128),
     ]
 
 

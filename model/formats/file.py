@@ -2,17 +2,19 @@
 
 import json
 import math
+import mmap
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
-from splatcore.spec.scene import Scene, sh_count
+from splatcore.spec.scene import ARRAYS, Scene, batches, sh_count
 
 GZIP_MAGIC = b"\x1f\x8b\x08"
 """Begins a gzip stream: SPZ of versions 1 to 3, and PLY as some tools write it."""
@@ -58,6 +60,13 @@ def read_bytes(path: str | os.PathLike, count: int = -1) -> bytes:
     file_size(path)
     with reading(path), open(path, "rb") as file:
         return file.read(count)
+
+
+def mapped(path: str | os.PathLike) -> mmap.mmap:
+    """Map a file into memory; its pages are read when they are used and can be dropped again."""
+    file_size(path)
+    with reading(path), open(path, "rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def check_count(count: int, where: object) -> None:
@@ -188,11 +197,28 @@ def stored_scene(
     higher: np.ndarray | None = None,  # [N, 3 | 8 | 15, 3] coefficients of higher degrees
 ) -> Scene:
     """Make the scene of a file that stores logarithms of scales; its name is `path`."""
-    sh = np.asarray(constant, np.float64)[:, None, :]
+    sh = constant[:, None, :]
     if higher is not None:
-        sh = np.concatenate([sh, np.asarray(higher, np.float64)], axis=1)
+        sh = np.concatenate([sh, higher], axis=1)
     scale = np.exp(np.asarray(log_scale, np.float64))
     return Scene(position, scale, quaternion, opacity, sh, os.fspath(path))
+
+
+def in_batches(count: int, read: Callable[[slice], Scene]) -> Scene:
+    """Join the scenes that `read` returns for batches of `count` ≥ 1 rows; all but the arrays is
+    the first one's. So intermediate arrays are never as long as the scene."""
+    arrays, first = {}, None
+    for rows in batches(count):
+        scene = read(rows)
+        if len(scene) == count:
+            return scene
+        first = first or scene
+        for name in ARRAYS:
+            some = getattr(scene, name)
+            if name not in arrays:
+                arrays[name] = np.empty((count, *some.shape[1:]), some.dtype)
+            arrays[name][rows] = some
+    return replace(first, **arrays)
 
 
 def linear_scene(

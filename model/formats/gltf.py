@@ -6,18 +6,18 @@ order m change their sign; PlayCanvas' splat-transform writes GLB in this way.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from splatcore.model.formats import file, spz
 from splatcore.model.formats.file import input_error
-from splatcore.model.formats.gltf_file import Gltf, open_gltf
+from splatcore.model.formats.gltf_file import Accessor, Gltf, open_gltf
 from splatcore.model.formats.placed import merged, placed
 from splatcore.model.formats.spz_axes import turned
 from splatcore.spec.convention import SH_DEGREE_MAX
-from splatcore.spec.scene import Scene, sh_count, without_zero
+from splatcore.spec.scene import ARRAYS, Scene, without_zero
 
 GLTF_AXES = "LUF"
 """The axes of glTF: left, up, front."""
@@ -71,19 +71,23 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
                 continue
             view = _spz_view(found, where)
             packed += view is not None
+
+            def settled(part: Scene, matrix: np.ndarray = matrix, node: str = node) -> Scene:
+                """Place a part in glTF's axes in the scene, in the axes of PLY."""
+                return half_turn(placed(part, matrix, node), -1)
+
             if view is None:
-                part = _plain(gltf, primitive, where)
+                part = _plain(gltf, primitive, where, settled)
             else:
-                part = half_turn(_unpack(gltf, view, axes, where), 1)
+                part = settled(half_turn(_unpack(gltf, view, axes, where), 1))
             size += 4 * len(part) * (11 + 3 * part.sh.shape[1])  # as float32
             file.check_expansion(size, gltf.stored, path)
-            part = _marked(replace(part, notes=part.notes + _values(found)), primitive)
-            parts.append(placed(part, matrix, node))
+            parts.append(_marked(replace(part, notes=part.notes + _values(found)), primitive))
     if not parts:
         raise input_error(path, f"holds no primitive with {EXTENSION}")
     if axes and not packed:
         raise input_error(path, f"--axes {axes}: the file holds no SPZ; the axes of glTF are known")
-    scene = half_turn(merged(parts), -1)
+    scene = merged(parts)
     notes = (*gltf.notes, *scene.notes, "turned from glTF's axes, y up, by half a turn about z")
     if others:
         s = "s" * (others > 1)
@@ -136,49 +140,58 @@ def _unpack(gltf: Gltf, view: int, axes: str | None, where: str) -> Scene:
         return spz.read(copy, axes)
 
 
-def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
-    """The Gaussians of a primitive's accessors, as stored."""
+def _plain(gltf: Gltf, primitive: dict, where: str, settled: Callable[[Scene], Scene]) -> Scene:
+    """The Gaussians of a primitive's accessors.
+
+    settled: places a batch of them, as stored, in the scene
+    """
     attributes = file.field(primitive, "attributes", dict, where)
     if "indices" in primitive:
         raise input_error(where, "'indices' of Gaussians are not supported")
 
-    def values(name: str, columns: int, count: int | None = None) -> np.ndarray:
+    def values(name: str, columns: int, count: int | None = None) -> Accessor:
         name = name if name == "POSITION" else f"{EXTENSION}:{name}"
         place = f"{where}: {name}"
         found = gltf.accessor(file.field(attributes, name, int, where))
-        if found.shape[1] != columns:
-            raise input_error(place, f"has {found.shape[1]} components, not {columns}")
-        if count not in (None, len(found)):
-            raise input_error(place, f"has {len(found)} elements, not {count}")
+        held, per = found.stored.shape
+        if per != columns:
+            raise input_error(place, f"has {per} components, not {columns}")
+        if count not in (None, held):
+            raise input_error(place, f"has {held} elements, not {count}")
         return found
 
     position = values("POSITION", 3)
-    count = len(position)
-    quaternion = values("ROTATION", 4, count)[:, [3, 0, 1, 2]]
-    scale, notes = _scale(values("SCALE", 3, count))
-    opacity = values("OPACITY", 1, count)[:, 0]
+    count = len(position.stored)
+    quaternion, scale = values("ROTATION", 4, count), values("SCALE", 3, count)
+    opacity = values("OPACITY", 1, count)
+    logarithms = (scale.stored < 0).any(axis=1).sum() > LOGARITHMS * count
     stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
+    coefficients = [
+        values(f"SH_DEGREE_{degree}_COEF_{k}", 3, count)
+        for degree in range(max(stated, default=0) + 1)
+        for k in range(2 * degree + 1)
+    ]
+
+    def convert(rows: slice) -> Scene:
+        size = scale.numbers(rows).astype(np.float64)
+        sh = np.stack([each.numbers(rows) for each in coefficients], axis=1)
+        turn = quaternion.numbers(rows)[:, [3, 0, 1, 2]]
+        arrays = np.exp(size) if logarithms else size, turn, opacity.numbers(rows)[:, 0], sh
+        return settled(Scene(position.numbers(rows), *arrays, os.fspath(gltf.path)))
+
+    notes: tuple[str, ...] = ()
+    if logarithms:
+        notes = ("scales below 0: read as logarithms, as drafts of glTF had them",)
     if _prefix(SH_DEGREE_MAX + 1, attributes):
         notes += (f"harmonics of degree {SH_DEGREE_MAX + 1} are not used",)
-    sh = np.zeros((count, sh_count(max(stated, default=0)), 3))
-    for degree in range(max(stated, default=0) + 1):
-        for k in range(2 * degree + 1):
-            name = f"SH_DEGREE_{degree}_COEF_{k}"
-            sh[:, degree * degree + k] = values(name, 3, count)
-    return file.linear_scene(gltf.path, position, scale, quaternion, opacity, sh, notes)
+    whole = file.in_batches(count, convert)
+    arrays = (getattr(whole, name) for name in ARRAYS)
+    return file.linear_scene(gltf.path, *arrays, notes)
 
 
 def _prefix(degree: int, attributes: dict) -> bool:
     """Whether a primitive has harmonics of this degree."""
     return any(name.startswith(f"{EXTENSION}:SH_DEGREE_{degree}_COEF_") for name in attributes)
-
-
-def _scale(stored: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The scales, and a note if the stored ones are logarithms."""
-    negative = int((stored < 0).any(axis=1).sum())
-    if negative <= LOGARITHMS * len(stored):
-        return stored, ()
-    return np.exp(stored), ("scales below 0: read as logarithms, as drafts of glTF had them",)
 
 
 def _values(extension: dict) -> tuple[str, ...]:

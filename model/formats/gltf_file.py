@@ -31,12 +31,32 @@ DEPTH_MAX = 1000  # nodes below each other
 
 
 @dataclass(frozen=True)
+class Accessor:
+    """The elements of an accessor.
+
+    stored: [N, components], in the file's memory
+    normalised: integers stand for numbers within ±1
+    """
+
+    stored: np.ndarray
+    normalised: bool
+
+    def numbers(self, rows: slice) -> np.ndarray:
+        """Some rows as numbers: float32 as stored, others float64."""
+        found = self.stored[rows]
+        if found.dtype == np.float32:
+            return found
+        found = found.astype(np.float64)
+        return np.maximum(found / np.iinfo(self.stored.dtype).max, -1) if self.normalised else found
+
+
+@dataclass(frozen=True)
 class Gltf:
     """An open glTF file."""
 
     path: str | os.PathLike
     tree: dict  # the JSON
-    binary: bytes | None = None  # a GLB's buffer
+    binary: memoryview | None = None  # a GLB's buffer
     notes: tuple[str, ...] = ()
     _buffers: dict[int, memoryview] = field(default_factory=dict)
 
@@ -64,7 +84,7 @@ class Gltf:
             self._buffers[index] = memoryview(data)[:size]
         return self._buffers[index]
 
-    def _content(self, table: dict, index: int, where: str) -> bytes:
+    def _content(self, table: dict, index: int, where: str) -> bytes | memoryview:
         """The stored content of a buffer."""
         if "uri" not in table:
             if index or self.binary is None:
@@ -80,7 +100,7 @@ class Gltf:
                 return base64.b64decode(text, validate=True)
         if colon and len(scheme) > 1 and scheme.isalnum():
             raise input_error(where, f"URI scheme '{scheme[:20]}' is not supported")
-        return file.read_bytes(Path(self.path).parent / unquote(uri))
+        return memoryview(file.mapped(Path(self.path).parent / unquote(uri)))
 
     def view(self, index: int) -> tuple[memoryview, int, str]:
         """The bytes of a buffer view, its stride (0: not given), and its location for messages."""
@@ -98,9 +118,8 @@ class Gltf:
             raise input_error(where, f"'byteStride' is {stride}, not at most {STRIDE_MAX}")
         return data[start : start + size], stride, where
 
-    def accessor(self, index: int) -> np.ndarray:
-        """The elements of an accessor, float64 [N, components]; normalised integers become
-        numbers within ±1."""
+    def accessor(self, index: int) -> "Accessor":
+        """An accessor, checked."""
         table, where = self.item("accessors", index)
         count = _size(table, "count", where, minimum=1)
         kind = file.field(table, "type", str, where)
@@ -119,10 +138,8 @@ class Gltf:
         if end > len(data):
             raise input_error(where, f"{count} elements end at byte {end} of {len(data)}")
         strides = (stride, form.itemsize)
-        found = np.ndarray((count, columns), form, data, start, strides).astype(np.float64)
-        if table.get("normalized") is True and form.kind in "iu":
-            found = np.maximum(found / np.iinfo(form).max, -1)
-        return found
+        stored = np.ndarray((count, columns), form, data, start, strides)
+        return Accessor(stored, table.get("normalized") is True and form.kind in "iu")
 
     def placements(self) -> Iterator[tuple[int, np.ndarray, str]]:
         """Mesh, matrix [4, 4] into the scene and location of each node with a mesh."""
@@ -162,9 +179,9 @@ class Gltf:
 
 def open_gltf(path: str | os.PathLike) -> Gltf:
     """Open a GLB or a glTF's JSON, without its buffers."""
-    data = file.read_bytes(path)
-    if not data.startswith(GLB_MAGIC):
-        return _checked(Gltf(path, file.checked(file.parse_json(data, path), dict, path)))
+    data = memoryview(file.mapped(path))
+    if data[:4] != GLB_MAGIC:
+        return _checked(Gltf(path, file.checked(file.parse_json(bytes(data), path), dict, path)))
     if len(data) < 20:
         raise input_error(path, "GLB header is cut off")
     version, length = struct.unpack_from("<II", data, 4)
@@ -182,7 +199,9 @@ def open_gltf(path: str | os.PathLike) -> Gltf:
         start += size
     if not chunks or chunks[0][0] != JSON_CHUNK:
         raise input_error(path, "GLB does not begin with a JSON chunk")
-    tree = file.checked(file.parse_json(chunks[0][1], f"{path}: JSON"), dict, f"{path}: JSON")
+    tree = file.checked(
+        file.parse_json(bytes(chunks[0][1]), f"{path}: JSON"), dict, f"{path}: JSON"
+    )
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == BINARY_CHUNK else None
     return _checked(Gltf(path, tree, binary, file.surplus(len(data) - length)))
 

@@ -7,6 +7,7 @@ header, a header per section, then per section: numbers of Gaussians in buckets 
 """
 
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -154,19 +155,30 @@ def _scene(
     header: np.void,
 ) -> Scene:
     """The scene of a section; scales keep their signs."""
-    position, colour = table["position"].astype(np.float64), table["colour"] / 255
-    if centres is not None:
-        steps = int(section["steps"]) or STEPS
-        position = (position - steps) * (float(section["block"]) / 2 / steps) + centres
-    higher = table["sh"].astype(np.float64)
+
+    def convert(rows: slice) -> Scene:
+        some = table[rows]
+        position, colour = some["position"].astype(np.float64), some["colour"] / 255
+        if centres is not None:
+            steps = int(section["steps"]) or STEPS
+            position = (position - steps) * (float(section["block"]) / 2 / steps) + centres[rows]
+        sh = np.concatenate(
+            [((colour[:, :3] - 0.5) / SH_C0)[:, None], *_higher(some["sh"], section, header)],
+            axis=1,
+        )
+        arrays = position, some["scale"], some["quaternion"], colour[:, 3], sh
+        return Scene(*arrays, os.fspath(path))
+
+    return file.in_batches(len(table), convert)
+
+
+def _higher(stored: np.ndarray, section: np.void, header: np.void) -> Iterator[np.ndarray]:
+    """Yield the coefficients [N, 2·degree + 1, 3] of each degree from 1 on."""
+    higher, start = stored.astype(np.float64), 0
     if header["level"] == 2:
         low, high = float(header["low"]) or -RANGE, float(header["high"]) or RANGE
         higher = low + higher / 255 * (high - low)
-    parts, start = [((colour[:, :3] - 0.5) / SH_C0)[:, None]], 0
     for degree in range(1, int(section["degree"]) + 1):
         each, end = 2 * degree + 1, start + 3 * (2 * degree + 1)
-        parts.append(higher[:, start:end].reshape(-1, 3, each).transpose(0, 2, 1))
+        yield higher[:, start:end].reshape(-1, 3, each).transpose(0, 2, 1)
         start = end
-    sh = np.concatenate(parts, axis=1)
-    arrays = position, table["scale"], table["quaternion"], colour[:, 3], sh
-    return Scene(*arrays, os.fspath(path))

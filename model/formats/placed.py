@@ -32,7 +32,7 @@ def placed(scene: Scene, matrix: np.ndarray, where: object) -> Scene:
         position=scene.position @ matrix[:3, :3].T + matrix[:3, 3],
         scale=scene.scale * size,
         quaternion=_product(turn, without_zero(scene.quaternion)),
-        sh=turn_of(rotation, scene.sh_degree) @ scene.sh,
+        sh=turn_of(rotation, scene.sh_degree) @ scene.sh.astype(np.float64),
     )
 
 

@@ -106,7 +106,7 @@ def _content(path: str | os.PathLike) -> bytes | mmap.mmap:
     size = file_size(path)
     with file.reading(path), open(path, "rb") as opened:
         if opened.read(len(file.GZIP_MAGIC)) != file.GZIP_MAGIC:
-            return mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ)
+            return file.mapped(path)
         opened.seek(0)
         with gzip.open(opened) as stream:
             data = stream.read(GUNZIP_MAX * size + 1)

@@ -16,9 +16,9 @@ from splatcore.model.formats import gltf, ksplat, ply, sog, sog_files, sog_strea
 from splatcore.model.formats.file import GZIP_MAGIC, input_error, read_bytes
 from splatcore.model.formats.gltf_file import GLB_MAGIC
 from splatcore.model.formats.harmonics import directions, harmonics
-from splatcore.spec.colour import COLOUR_INTEGER, SH_C0
+from splatcore.spec.colour import COLOUR_INTEGER
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
-from splatcore.spec.scene import ARRAYS, Scene
+from splatcore.spec.scene import ARRAYS, Scene, batches
 
 
 class Format(NamedTuple):
@@ -159,6 +159,24 @@ LOOKS = 200  # directions, evenly over the sphere, in which bright Gaussians are
 
 def _notes(scene: Scene) -> tuple[str, ...]:
     """A line per kind of unusual Gaussian, with their number."""
+    low, high = NORM_RANGE
+    kinds = (
+        "Gaussian{s} with NaN or Inf",
+        "quaternion{s} of norm 0",
+        f"quaternion{{s}} of a norm outside {low:g} … {high:g}",
+        "transparent Gaussian{s} (opacity below 1/255)",
+        f"Gaussian{{s}} with colours from {COLOUR_MAX:g} on, which saturate in the machine",
+    )
+    counts = sum((_unusual(scene[rows]) for rows in batches(len(scene))), np.zeros(len(kinds), int))
+    return tuple(
+        f"{count} {kind.format(s='' if count == 1 else 's')}"
+        for count, kind in zip(counts, kinds, strict=True)
+        if count
+    )
+
+
+def _unusual(scene: Scene) -> np.ndarray:
+    """The number of Gaussians of each kind of `_notes`."""
     arrays = [getattr(scene, name).reshape(len(scene), -1) for name in ARRAYS]
     kept = scene
     if not np.isfinite([(array.min(), array.max()) for array in arrays]).all():
@@ -166,36 +184,24 @@ def _notes(scene: Scene) -> tuple[str, ...]:
     norm = np.sqrt(np.einsum("nk,nk->n", kept.quaternion, kept.quaternion))
     low, high = NORM_RANGE
     odd = (norm > 0) & ((norm < low) | (norm > high))
-    counts = {
-        "Gaussian{s} with NaN or Inf": len(scene) - len(kept),
-        "quaternion{s} of norm 0": np.sum(norm == 0),
-        f"quaternion{{s}} of a norm outside {low:g} … {high:g}": np.sum(odd),
-        "transparent Gaussian{s} (opacity below 1/255)": np.sum(kept.opacity < ALPHA_MIN),
-        f"Gaussian{{s}} with colours from {COLOUR_MAX:g} on, which saturate in the machine": (
-            _saturating(kept.sh)
-        ),
-    }
-    return tuple(
-        f"{count} {kind.format(s='' if count == 1 else 's')}"
-        for kind, count in counts.items()
-        if count
-    )
+    transparent = np.sum(kept.opacity < ALPHA_MIN)
+    saturating = _saturating(kept.sh)
+    lost = len(scene) - len(kept)
+    return np.array([lost, np.sum(norm == 0), np.sum(odd), transparent, saturating])
 
 
 def _saturating(sh: np.ndarray) -> int:
     """Number of Gaussians that reach `COLOUR_MAX` in a channel in any of `LOOKS` directions.
 
-    With K coefficients per channel, harmonics beyond the constant one add at most the norm of their
-    coefficients times √((K − 1) / 4π). This bound rules out most Gaussians.
+    With K coefficients per channel, a colour is within their norm times √(K / 4π) of the offset.
+    Only Gaussians whose norm over all channels allows for `COLOUR_MAX`, less 0.1 % for float32,
+    are evaluated.
     """
-    if not len(sh):
-        return 0
-    most = np.sqrt((sh.shape[1] - 1) / (4 * np.pi))
-    norm = np.sqrt(np.einsum("nkc,nkc->nc", sh[:, 1:], sh[:, 1:]))
-    reach = COLOUR_OFFSET + SH_C0 * sh[:, 0] + most * norm
-    bright = sh[(reach >= COLOUR_MAX).any(axis=1)]
-    found, basis = 0, harmonics(directions(LOOKS), int(np.sqrt(sh.shape[1])) - 1)
-    for some in np.array_split(bright, len(bright) // 4096 + 1):
+    flat, count = sh.reshape(len(sh), -1), sh.shape[1]
+    least = 0.999 * (COLOUR_MAX - COLOUR_OFFSET) / np.sqrt(count / (4 * np.pi))
+    bright = sh[np.einsum("nk,nk->n", flat, flat) >= least**2].astype(np.float64)
+    found, basis = 0, harmonics(directions(LOOKS), int(np.sqrt(count)) - 1)
+    for some in np.array_split(bright, len(bright) // 4096 + 1) if len(bright) else ():
         colour = COLOUR_OFFSET + np.einsum("dk,nkc->ndc", basis, some)
         found += int((colour >= COLOUR_MAX).any(axis=(1, 2)).sum())
     return found

@@ -97,15 +97,21 @@ def read(path: str | os.PathLike) -> Scene:
     file.check_count(count, path)
     if count > size[0] * size[1]:
         raise input_error(path, f"{count} Gaussians exceed images of {size[1]}×{size[0]} pixels")
-    rows = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
-    opacity, colour = _colour(sog, rows["sh0"])
-    higher, notes = (None, ()) if labels is None else _higher(sog, rows["shN, labels"])
-    notes += _surplus(images, count)
-    position = _position(sog, rows["means"], rows["means, upper bytes"])
-    log_scale = sog.values("scales", rows["scales"][:, :3])
-    quaternion = _quaternion(sog, rows["quats"])
-    scene = file.stored_scene(path, position, log_scale, quaternion, opacity, colour, higher)
-    return _marked(replace(scene, notes=notes), meta)
+    pixels = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
+    centroids = None if labels is None else _centroids(sog)
+
+    def convert(some: slice) -> Scene:
+        rows = {name: each[some] for name, each in pixels.items()}
+        opacity, colour = _colour(sog, rows["sh0"])
+        higher = None if labels is None else centroids[_labels(rows["shN, labels"], centroids)]
+        position = _position(sog, rows["means"], rows["means, upper bytes"])
+        log_scale = sog.values("scales", rows["scales"][:, :3])
+        quaternion = _quaternion(sog, rows["quats"], some.start)
+        return file.stored_scene(path, position, log_scale, quaternion, opacity, colour, higher)
+
+    scene = file.in_batches(count, convert)
+    notes = () if labels is None else _lost(pixels["shN, labels"], centroids)
+    return _marked(replace(scene, notes=notes + _surplus(images, count)), meta)
 
 
 def _surplus(images: dict[str, np.ndarray], count: int) -> tuple[str, ...]:
@@ -160,13 +166,15 @@ def _position(sog: Sog, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     return np.sign(logarithm) * (np.exp(np.abs(logarithm)) - 1)
 
 
-def _quaternion(sog: Sog, rows: np.ndarray) -> np.ndarray:
-    """Quaternions [N, 4] (w, x, y, z): three components within ± 1/√2 are stored, the largest
-    follows from the norm."""
+def _quaternion(sog: Sog, rows: np.ndarray, first: int) -> np.ndarray:
+    """Quaternions [N, 4] (w, x, y, z) of Gaussians `first` …: three components within ± 1/√2 are
+    stored, the largest follows from the norm."""
     largest = rows[:, 3].astype(np.int64) - QUATERNION_TAG
     if (largest < 0).any():
         index = int(np.argmax(largest < 0))
-        raise input_error(sog.path, f"quats: Gaussian {index} has the wrong tag {rows[index, 3]}")
+        raise input_error(
+            sog.path, f"quats: Gaussian {first + index} has the wrong tag {rows[index, 3]}"
+        )
     small = (rows[:, :3] / 255 - 0.5) * np.sqrt(2)
     quaternion = np.empty((len(rows), 4))
     # The three keep their order and fill the places around the largest one.
@@ -184,10 +192,8 @@ def _colour(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows[:, 3] / 255, sog.values("sh0", rows[:, :3])
 
 
-def _higher(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """SH coefficients from degree 1 on, [N, 3 | 8 | 15, 3], looked up by 16-bit labels; and a note
-    on labels without a centroid, which become coefficients of 0: splat-transform writes label 65535
-    for a Gaussian whose harmonics are NaN."""
+def _centroids(sog: Sog) -> np.ndarray:
+    """SH coefficients from degree 1 on, [P + 1, 3 | 8 | 15, 3]: P centroids, and zeros."""
     section, where = sog.section("shN")
     image = sog.pixels("shN")
     height, width, _ = image.shape
@@ -205,12 +211,22 @@ def _higher(sog: Sog, rows: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
         raise input_error(
             where, f"{count} × {coefficients} centroids do not match {width}×{height} pixels"
         )
-    labels = rows[:, 0] + 256 * rows[:, 1].astype(np.int64)
     codes = image[..., :3].reshape(-1, 3 * coefficients)[:count]
-    higher = sog.values("shN", codes).reshape(count, coefficients, 3)[np.minimum(labels, count - 1)]
-    if not (lost := int((labels >= count).sum())):
-        return higher, ()
-    higher[labels >= count] = 0
+    values = sog.values("shN", codes).reshape(count, coefficients, 3)
+    return np.concatenate([values, np.zeros((1, coefficients, 3))])
+
+
+def _labels(rows: np.ndarray, centroids: np.ndarray) -> np.ndarray:
+    """Indices [N] into the centroids. Labels without a centroid stand for the zeros after them:
+    splat-transform writes label 65535 for a Gaussian whose harmonics are NaN."""
+    return np.minimum(rows[:, 0] + 256 * rows[:, 1].astype(np.int64), len(centroids) - 1)
+
+
+def _lost(rows: np.ndarray, centroids: np.ndarray) -> tuple[str, ...]:
+    """A note on labels without a centroid, if any."""
+    count = len(centroids) - 1
+    if not (lost := int((_labels(rows, centroids) == count).sum())):
+        return ()
     some, their = ("Gaussian has", "its") if lost == 1 else ("Gaussians have", "their")
     note = f"{lost} {some} a label beyond the {count} centroids"
-    return higher, (f"{note}: {their} harmonics are 0",)
+    return (f"{note}: {their} harmonics are 0",)

@@ -1,6 +1,7 @@
 """.splat scenes: 32 bytes per Gaussian, no header. Source: antimatter15/splat, `main.js`."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,8 +23,14 @@ def read(path: str | os.PathLike) -> Scene:
     if len(data) % RECORD.itemsize:
         raise input_error(path, f"{len(data)} bytes are not a multiple of {RECORD.itemsize}")
     record = np.frombuffer(data, RECORD)
-    colour = record["colour"].astype(np.float64) / 255
-    scale, notes = file.unsigned(record["scale"])
-    quaternion = (record["quaternion"].astype(np.float64) - 128) / 128
-    sh = ((colour[:, :3] - 0.5) / SH_C0)[:, None, :]
-    return Scene(record["position"], scale, quaternion, colour[:, 3], sh, os.fspath(path), notes)
+
+    def convert(rows: slice) -> Scene:
+        some = record[rows]
+        colour = some["colour"].astype(np.float64) / 255
+        quaternion = (some["quaternion"].astype(np.float64) - 128) / 128
+        sh = ((colour[:, :3] - 0.5) / SH_C0)[:, None, :]
+        return Scene(some["position"], some["scale"], quaternion, colour[:, 3], sh, os.fspath(path))
+
+    scene = file.in_batches(len(record), convert)
+    scale, notes = file.unsigned(scene.scale)
+    return replace(scene, scale=scale, notes=notes)

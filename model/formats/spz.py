@@ -54,11 +54,6 @@ class Header:
     flags: int
 
     @property
-    def foreign(self) -> bool:
-        """Whether gsply cannot decode the file as it is."""
-        return self.version == 1 or self.degree > SH_DEGREE_MAX
-
-    @property
     def sections(self) -> list[int]:
         """Sizes of the sections in bytes, in file order."""
         position = 6 if self.version == 1 else 9  # three half floats, or 3 × 24 bit
@@ -74,7 +69,7 @@ class Content(NamedTuple):
     """The checked content of a file."""
 
     header: Header
-    sections: bytes  # of version 1 to 3, and of version 4 if gsply cannot decode it
+    sections: list[memoryview]
     records: bytes  # of extensions
     rest: int = 0  # number of bytes that belong to none of these
 
@@ -92,14 +87,22 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         content = _gunzip(data, path)
     else:
         raise input_error(path, "is not an SPZ file")
-    header, payload = content.header, content.sections
+    del data  # unpacked by now
+    header = content.header
     stated, records = _stated_axes(header, content.records, path)
     if header.version < 4 and records:
         _check_surplus(header, len(records), path)
     if axes and stated:
         raise input_error(path, f"--axes {axes}: the file states its axes, {stated}")
-    scene = _decode_copy(header, payload, path) if header.foreign else _decode(path, path)
-    scene = turned(scene, stated or axes or SPZ_AXES)
+    sections = [np.frombuffer(s, np.uint8).reshape(header.count, -1) for s in content.sections]
+
+    def convert(rows: slice) -> Scene:
+        some = _decode(
+            replace(header, count=rows.stop - rows.start), [s[rows] for s in sections], path
+        )
+        return turned(some, stated or axes or SPZ_AXES)
+
+    scene = file.in_batches(header.count, convert)
     if header.flags & ANTIALIASED:
         scene = replace(scene, antialiased=True, mark="SPZ flag")
     notes = file.surplus(content.rest + len(records))
@@ -140,7 +143,9 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> Content:
         raise input_error(path, "gzip stream is cut off or longer than its header says")
     if stream.unused_data:
         raise input_error(path, f"{len(stream.unused_data)} bytes follow the gzip stream")
-    return Content(header, payload[:size], payload[size:])
+    ends = np.cumsum([0, *header.sections]).tolist()
+    sections = [memoryview(payload)[start:end] for start, end in pairwise(ends)]
+    return Content(header, sections, payload[size:])
 
 
 def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
@@ -167,7 +172,7 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
     streams, toc = struct.unpack_from("<BI", data, 15)
     if streams != len(header.sections):
         raise input_error(path, f"{streams} streams, not {len(header.sections)} of {header}")
-    start, sections = toc + 16 * streams, b""
+    start, sections = toc + 16 * streams, []
     if toc < 32 or start > len(data):
         raise input_error(path, f"table of contents at byte {toc} is outside the file")
     for index, size in enumerate(header.sections):
@@ -176,18 +181,17 @@ def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
             raise input_error(path, f"stream {index} has {claimed} bytes, not {size} of {header}")
         if start + stored > len(data):
             raise input_error(path, f"stream {index} is cut off")
+        stream = memoryview(data)[start : start + stored]
         with file.reading(path, f"stream {index} is not a zstd stream"):
-            # −1: the frame states no size; gsply stops at the size that it expects.
-            content = zstandard.frame_content_size(data[start : start + stored])
+            content = zstandard.frame_content_size(stream)  # −1: not stated
         if content not in (-1, size):
             raise input_error(path, f"stream {index} holds {content} bytes, not {size}")
-        if header.foreign:
-            sections += _unpacked(data[start : start + stored], size, f"{path}: stream {index}")
+        sections.append(memoryview(_unpacked(stream, size, f"{path}: stream {index}")))
         start += stored
     return Content(header, sections, data[32:toc], len(data) - start)
 
 
-def _unpacked(stream: bytes, size: int, where: str) -> bytes:
+def _unpacked(stream: memoryview, size: int, where: str) -> bytes:
     """The `size` bytes of a zstd stream."""
     with file.reading(where):
         found = zstandard.ZstdDecompressor().decompress(stream, max_output_size=size)
@@ -218,35 +222,26 @@ def _stated_axes(
     return axes, records
 
 
-def _decode_copy(header: Header, payload: bytes, path: str | os.PathLike) -> Scene:
-    """Decode sections that gsply does not support from a temporary file in which they are replaced:
-    half-float positions (version 1) by zeros, harmonics of degree 4 by their first three degrees.
+def _decode(header: Header, sections: list[np.ndarray], path: str | os.PathLike) -> Scene:
+    """Decode sections [N, bytes] by gsply, from a temporary file in which those that it does not
+    support are replaced: half-float positions (version 1) by zeros, harmonics of degree 4 by their
+    first three degrees.
     """
-    count, version, degree = header.count, header.version, min(header.degree, SH_DEGREE_MAX)
-    ends = np.cumsum([0, *header.sections]).tolist()
-    parts = [payload[start:end] for start, end in pairwise(ends)]
-    position = None
-    if version == 1:
-        position = np.frombuffer(parts[0], "<f2").reshape(count, 3).astype(np.float64)
-        parts[0] = bytes(9 * count)
-    if degree < header.degree:
-        kept = 3 * (sh_count(degree) - 1)  # a coefficient's red, green and blue are together
-        parts[5] = np.frombuffer(parts[5], np.uint8).reshape(count, -1)[:, :kept].tobytes()
-    version = min(max(version, 2), 3)  # 1 and 2, 3 and 4 have the same rotations
-    start = SPZ_MAGIC + struct.pack("<IIBBxx", version, count, degree, header.fraction)
-    content = gzip.compress(start + b"".join(parts), compresslevel=1)
-    with file.copied(content, ".spz", path) as copy:
-        scene = _decode(copy, path)
-    return scene if position is None else replace(scene, position=position)
-
-
-def _decode(source: str | os.PathLike, path: str | os.PathLike) -> Scene:
-    """Decode the checked file `source`; `path` is the name for messages."""
     import gsply  # imports numba, which takes a third of a second
 
-    with file.reading(path):
-        data = gsply.read_spz(source)
+    parts, degree = list(sections), min(header.degree, SH_DEGREE_MAX)
+    if header.version == 1:
+        parts[0] = np.zeros((header.count, 9), np.uint8)
+    if degree < header.degree:  # a coefficient's red, green and blue are together
+        parts[5] = parts[5][:, : 3 * (sh_count(degree) - 1)]
+    version = min(max(header.version, 2), 3)  # 1 and 2, 3 and 4 have the same rotations
+    start = SPZ_MAGIC + struct.pack("<IIBBxx", version, header.count, degree, header.fraction)
+    content = gzip.compress(start + b"".join(part.tobytes() for part in parts), compresslevel=0)
+    with file.copied(content, ".spz", path) as copy, file.reading(path):
+        data = gsply.read_spz(copy)
+    position = data.means
+    if header.version == 1:
+        position = np.ascontiguousarray(sections[0]).view("<f2")
     higher = data.shN if data.shN is not None and data.shN.size else None
-    opacity = file.sigmoid(data.opacities)
-    arrays = (data.means, data.scales, data.quats, opacity, data.sh0, higher)
+    arrays = position, data.scales, data.quats, file.sigmoid(data.opacities), data.sh0, higher
     return file.stored_scene(path, *arrays)

@@ -7,6 +7,7 @@ up confuses RFD with RBU and LFD with LBU.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def turned(scene: Scene, axes: str) -> Scene:
     order, sign = np.abs(to_ply).argmax(axis=1), to_ply.sum(axis=1)
     rotation = sign * np.linalg.det(to_ply).round()
     swapped = any(order != range(3))  # z is up; otherwise only signs change
-    turn = turn_of(to_ply, scene.sh_degree)
+    turn, sh = _turn(axes, scene.sh_degree), scene.sh
     position = scene.position[:, order] if swapped else scene.position
     quaternion = scene.quaternion[:, [0, *order + 1]] if swapped else scene.quaternion
     return replace(
@@ -52,5 +53,12 @@ def turned(scene: Scene, axes: str) -> Scene:
         position=position * sign,
         scale=scene.scale[:, order] if swapped else scene.scale,
         quaternion=quaternion * [1, *rotation],
-        sh=turn @ scene.sh if swapped else scene.sh * np.diag(turn)[:, None],
+        sh=turn @ sh.astype(np.float64)
+        if swapped
+        else sh * np.diag(turn).astype(sh.dtype)[:, None],
     )
+
+
+@lru_cache
+def _turn(axes: str, degree: int) -> np.ndarray:
+    return turn_of(matrix(axes), degree)

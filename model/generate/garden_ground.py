@@ -128,7 +128,7 @@ def earth(rng: np.random.Generator, count: int) -> Part:
 def path(rng: np.random.Generator, count: int) -> Part:
     """Trodden earth, flagstones and pebbles."""
     flat, stones, small = share_out(count, [0.36, 0.42, 0.22])
-    return join([earth(rng, flat), stepping_stones(rng, stones), pebbles(rng, small)])
+    return join([earth(rng, flat), stepping_stones(rng, stones), pebbles(rng, small)], count)
 
 
 def hills(rng: np.random.Generator, count: int) -> Part:
@@ -159,7 +159,7 @@ def hills(rng: np.random.Generator, count: int) -> Part:
 def sky(rng: np.random.Generator, count: int) -> Part:
     """The shell of the sky, with soft clouds in front of it."""
     far, soft = share_out(count, [0.7, 0.3])
-    return join([shell(rng, far), clouds(rng, soft)])
+    return join([shell(rng, far), clouds(rng, soft)], count)
 
 
 def clouds(rng: np.random.Generator, count: int) -> Part:

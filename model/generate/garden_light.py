@@ -6,6 +6,7 @@ from splatcore.model.generate.directions import UP, unit
 from splatcore.model.generate.garden_splats import Part
 from splatcore.model.generate.spreading import noise
 from splatcore.spec.colour import SH_C0, SH_C1
+from splatcore.spec.scene import batches, sh_count
 
 SUN = unit(np.array([-0.70, -0.62, -0.36]))
 """Direction towards the sun (y down): from the left, a little behind the viewer."""
@@ -61,22 +62,29 @@ def transmittance(part: Part, direction: np.ndarray, cell: float, bias: float) -
         column = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * span
         key = column + (away - away.min()) + bias
         order = np.argsort(key)
+        column, key = column[order], key[order]  # searching ascending values is much faster
         depth = np.concatenate([[0.0], np.cumsum(thickness[order])])
-        first = np.searchsorted(key[order], column)
-        total += np.exp(depth[first] - depth[np.searchsorted(key[order], key - bias)])
+        first = np.searchsorted(key, column)
+        total[order] += np.exp(depth[first] - depth[np.searchsorted(key, key - bias)])
     return total / 4
 
 
-def illuminated(part: Part) -> np.ndarray:
-    """Linear RGB [N, 3] that each splat sends to an average viewer, and the sun's share [N]."""
+def shadows(part: Part) -> tuple[np.ndarray, np.ndarray]:
+    """Shares [N] of the sun's and of the sky's light that reach each splat past the others."""
     count = len(part)
-    normal = part.frame[:, :, 2]
     near = np.linalg.norm(part.position, axis=1) < SHADOW_REACH
     cell = np.clip(0.09 * (20_000 / count) ** 0.5, 0.03, 0.5)
     sun, sky = np.ones(count), np.ones(count)
     if near.any():
-        sun[near] = transmittance(part[near], SUN, cell, bias=max(cell, 0.09))
-        sky[near] = transmittance(part[near], UP, 4 * cell, bias=max(cell, 0.09))
+        some = part[near]
+        sun[near] = transmittance(some, SUN, cell, bias=max(cell, 0.09))
+        sky[near] = transmittance(some, UP, 4 * cell, bias=max(cell, 0.09))
+    return sun, sky
+
+
+def illuminated(part: Part, sun: np.ndarray, sky: np.ndarray) -> np.ndarray:
+    """Linear RGB [N, 3] that each splat sends to an average viewer; sun, sky: its `shadows`."""
+    normal = part.frame[:, :, 2]
     facing = normal @ SUN
     solid, leaf = np.maximum(facing, 0), 0.25 + 0.55 * np.abs(facing)
     direct = sun * (solid + part.leafy * (leaf - solid))
@@ -85,16 +93,27 @@ def illuminated(part: Part) -> np.ndarray:
     ambient = upward * (0.2 + 0.8 * sky)
     light = direct[:, None] * SUN_LIGHT + ambient[:, None] * SKY_LIGHT
     light += (1 - upward)[:, None] * BOUNCE_LIGHT
-    return part.albedo * light, sun
+    return part.albedo * light
 
 
-def sh_coefficients(part: Part) -> np.ndarray:
-    """SH coefficients [N, 4, 3] of degree 1 of each splat: lit colour plus the sun's sheen.
+def sh_coefficients(part: Part, degree: int = 1) -> np.ndarray:
+    """SH coefficients [N, (degree+1)², 3] of each splat: lit colour plus the sun's sheen, and 0
+    above degree 1; float32 if there are any of these, else float64."""
+    sun, sky = shadows(part)
+    kind = np.float32 if degree > 1 else np.float64
+    sh = np.zeros((len(part), sh_count(degree), 3), kind)
+    for rows in batches(len(part)):
+        sh[rows, :4] = _sheen(part[rows], sun[rows], sky[rows])[:, : sh.shape[1]]
+    return sh
+
+
+def _sheen(part: Part, sun: np.ndarray, sky: np.ndarray) -> np.ndarray:
+    """SH coefficients [N, 4, 3] of degree 1.
 
     A viewer in direction v sees gloss·(v·r) more light, r the mirror image of the sun in the
     surface. With the renderer's direction d = −v and its basis (−y, z, −x) this is linear in d.
     """
-    light, sun = illuminated(part)
+    light = illuminated(part, sun, sky)
     distance = np.linalg.norm(part.position, axis=1)
     haze = (1 - np.exp(-distance / HAZE_DISTANCE))[:, None]
     colour = display(light + (HAZE - light) * haze)

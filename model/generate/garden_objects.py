@@ -187,4 +187,4 @@ def bird_bath(rng: np.random.Generator, count: int) -> Part:
     """Stone bird bath with water."""
     stone, wet = share_out(count, [0.84, 0.16])
     bowl = revolution(rng, stone, BATH_PROFILE, np.array([0.46, 0.43, 0.385]))
-    return moved(join([bowl, water(rng, wet)]), BATH_PLACE, 0.0)
+    return moved(join([bowl, water(rng, wet)], count), BATH_PLACE, 0.0)

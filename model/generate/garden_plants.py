@@ -83,7 +83,7 @@ def tree(rng: np.random.Generator, count: int) -> Part:
     layout = np.random.default_rng(rng.integers(2**32))
     wood = branches(layout)
     bark_count, leaf_count = share_out(count, [0.18, 0.82])
-    return join([bark(rng, bark_count, wood), leaves(rng, leaf_count, wood[FIRST_TWIG:])])
+    return join([bark(rng, bark_count, wood), leaves(rng, leaf_count, wood[FIRST_TWIG:])], count)
 
 
 def bark(rng: np.random.Generator, count: int, wood: np.ndarray) -> Part:

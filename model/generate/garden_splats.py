@@ -4,9 +4,12 @@ Everything is in the PLY frame of 3DGS (y points down), so a height h is y = −
 vectorised over N points, and random only by the generator that they are given.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+
+from splatcore.spec.scene import batches
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +41,16 @@ def splats(position, scale, frame, opacity, albedo, gloss=0.0, leafy=0.0, glow=F
     return Part(*spread, np.full(count, glow))
 
 
-def join(parts: list[Part]) -> Part:
-    """The Gaussians of all `parts`, in order."""
-    return Part(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Part)))
+def join(parts: Iterable[Part], count: int) -> Part:
+    """The `count` Gaussians of all `parts`, in order; each part is copied as soon as it is made."""
+    arrays, end = {}, 0
+    for part in parts:
+        for name, some in vars(part).items():
+            if name not in arrays:
+                arrays[name] = np.empty((count, *some.shape[1:]), some.dtype)
+            arrays[name][end : end + len(part)] = some
+        end += len(part)
+    return Part(**arrays)
 
 
 def refine(rng: np.random.Generator, part: Part, count: int) -> Part:
@@ -69,6 +79,13 @@ def quaternions(frame: np.ndarray) -> np.ndarray:
     The rows of the symmetric matrix 4·q·qᵀ are multiples of q; the row with the largest diagonal
     element is free of cancellation (Shepperd 1978).
     """
+    found = np.empty((len(frame), 4))
+    for some in batches(len(frame)):
+        found[some] = _quaternions(frame[some])
+    return found
+
+
+def _quaternions(frame: np.ndarray) -> np.ndarray:
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(frame, 0, 2)
     rows = [
         [1 + a + e + i, h - f, c - g, d - b],

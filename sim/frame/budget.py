@@ -51,7 +51,7 @@ def part_by_part(scene: Scene, model: PackedModel) -> Iterator[tuple[str, Gaussi
     yield "shape", replace(exact, factor=packed.factor)
     yield "opacity", replace(exact, opacity=packed.opacity)
     for degree in range(scene.sh_degree + 1):
-        sh, own = exact.sh.copy(), slice(degree**2, sh_count(degree))
+        sh, own = np.array(exact.sh, np.float64), slice(degree**2, sh_count(degree))
         sh[:, own] = packed.sh[:, own] if own.stop <= packed.sh.shape[1] else 0
         yield f"degree {degree}" if degree else "colour", replace(exact, sh=sh)
 

@@ -102,7 +102,7 @@ class Subject:
         else:
             made_from = [protocol.views, protocol.view_size, protocol.seed, self.path_cameras]
             made_from += [protocol.beside] if self.path_cameras else []
-            made_from += [getattr(self.scene, name) for name in ARRAYS]
+            made_from += [np.asarray(getattr(self.scene, n), np.float64) for n in ARRAYS]
             made_from += ["antialiased"] if self.scene.antialiased else []
             made_from += [protocol.reading.near] if protocol.reading.near else []
         return f"{self.name} {digest(made_from)}"

@@ -15,6 +15,7 @@ from splatcore.model.generate.garden_splats import quaternions, refine, share_ou
 from splatcore.model.generate.generate import PARTS, garden, generate, generated_camera
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.generate.hard_colour import ANTIALIASED
+from splatcore.spec import scene
 from splatcore.spec.camera import look_at
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.scene import ARRAYS, rotation_matrix
@@ -51,6 +52,32 @@ def test_deterministic():
     for name in ARRAYS:
         assert np.array_equal(getattr(first, name), getattr(again, name)), name
         assert not np.array_equal(getattr(first, name), getattr(other, name)), name
+
+
+def test_degrees():
+    """Degrees 0 and 1 are the same light; those above are small, smaller with the degree, random by
+    the seed, none in the sky, and do not change the rest."""
+    plain, none, second, third = (garden(3_000, 5, degree) for degree in (1, 0, 2, 3))
+    assert np.array_equal(none.sh, plain.sh[:, :1]) and none.sh.dtype == np.float64
+    for name in ARRAYS[:4]:
+        assert np.array_equal(getattr(third, name), getattr(plain, name)), name
+    for scene, count in ((second, 9), (third, 16)):
+        assert scene.sh.shape == (3_000, count, 3) and scene.sh.dtype == np.float32
+        assert np.array_equal(scene.sh[:, :4], plain.sh.astype(np.float32))
+    assert not part_of(third, "sky").sh[:, 4:].any()
+    grass = part_of(third, "grass").sh
+    assert 0.02 < grass[:, 4:9].std() < 0.04 and 0.01 < grass[:, 9:].std() < 0.02
+    assert np.array_equal(third.sh, garden(3_000, 5, 3).sh)
+    assert not np.array_equal(grass[:, 4:], part_of(garden(3_000, 6, 3), "grass").sh[:, 4:])
+    assert not np.array_equal(grass[:, 4:], third.sh[len(grass) : 2 * len(grass), 4:])
+
+
+def test_degrees_do_not_depend_on_batches(monkeypatch):
+    whole = garden(3_000, 1, 3)
+    monkeypatch.setattr(scene, "BATCH", 100)
+    parts = garden(3_000, 1, 3)
+    for name in ARRAYS:
+        assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
 
 
 def test_all_parts_keep_their_share():
@@ -220,6 +247,13 @@ def test_generated_camera_sizes():
         (generate, ("garden", -3), "count: -3"),
         (generate, ("garden", scenes.COUNT_MAX + 1), "count: 20000001"),
         (generate, ("garden", 10, -1), "seed: -1"),
+        (generate, ("garden", 10, 0, 4), "sh-degree: 4 is not in 0 … 3"),
+        (generate, ("garden", 10, 0, -1), "sh-degree: -1"),
+        (
+            generate,
+            ("needles", None, 0, 1),
+            "sh-degree: the scene 'needles' has harmonics of its own",
+        ),
         (generated_camera, ("lawn",), "'lawn'"),
         (garden, (0,), "count 0"),
         (garden, (5, -1), "seed -1"),
