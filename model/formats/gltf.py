@@ -7,7 +7,7 @@ order m change their sign; PlayCanvas' splat-transform writes GLB in this way.
 
 import os
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,6 +47,10 @@ MARK = {"SplatRenderMode": "mip"}
 """`extras` of a primitive that we write for an antialiased scene, after Brush's comment in PLY.
 glTF itself has no mark."""
 
+COPIES_MAX = 1 << 30
+"""Largest accepted size, in bytes as float32, of Gaussians that a file shows beyond those that it
+holds: by nodes that repeat a mesh, or by primitives that share accessors or buffer views."""
+
 LOGARITHMS = 0.01
 """Share of negative scales from which on they are logarithms, as in drafts of the extension and in
 files of splat-transform before July 2026; fewer are faulty."""
@@ -62,7 +66,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         name = file.checked(name, str, f"{path}: 'extensionsRequired'")
         if name not in REQUIRED and not name.startswith(LOOKS_ONLY):
             raise input_error(path, f"requires {name[:60]}, which is not supported")
-    parts, others, packed, size = [], 0, 0, 0
+    parts, others, room = [], 0, Room(gltf, axes)
     for mesh, matrix, node in gltf.placements():
         for primitive, where in _primitives(gltf, mesh):
             found = _extension(primitive, where)
@@ -70,18 +74,15 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
                 others += 1
                 continue
             view = _spz_view(found, where)
-            packed += view is not None
             if view is None:
-                part = _plain(gltf, primitive, where)
+                part = _plain(room, primitive, where)
             else:
-                part = half_turn(_unpack(gltf, view, axes, where), 1)
-            size += 4 * len(part) * (11 + 3 * part.sh.shape[1])  # as float32
-            file.check_expansion(size, gltf.stored, path)
+                part = half_turn(room.unpack(view, where), 1)
             part = _marked(replace(part, notes=part.notes + _values(found)), primitive)
             parts.append(placed(part, matrix, node))
     if not parts:
         raise input_error(path, f"holds no primitive with {EXTENSION}")
-    if axes and not packed:
+    if axes and not room.unpacked:
         raise input_error(path, f"--axes {axes}: the file holds no SPZ; the axes of glTF are known")
     scene = half_turn(merged(parts), -1)
     notes = (*gltf.notes, *scene.notes, "turned from glTF's axes, y up, by half a turn about z")
@@ -89,6 +90,44 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         s = "s" * (others > 1)
         notes += (f"{others} primitive{s} without {EXTENSION} not read",)
     return replace(scene, name=os.fspath(path), notes=notes)
+
+
+@dataclass
+class Room:
+    """The Gaussians that a file shows: hardly more than it holds are accepted."""
+
+    gltf: Gltf
+    axes: str | None  # of SPZ that does not state them
+    shown: int = 0  # bytes as float32
+    unpacked: dict[memoryview, Scene] = field(default_factory=dict)  # by the SPZ's bytes
+
+    def unpack(self, view: int, where: str) -> Scene:
+        """The Gaussians of an SPZ file in a buffer view, in the axes of PLY.
+
+        The extension says that unpacking turns from the SPZ's axes to glTF's. CesiumJS 1.146 does
+        not turn: `--axes luf` reads as it does.
+        """
+        data, _, _ = self.gltf.view(view)
+        if data not in self.unpacked:
+            with file.copied(data, ".spz", f"{where}: SPZ") as copy:
+                self.unpacked[data] = spz.read(copy, self.axes)
+        scene = self.unpacked[data]
+        self.take(len(scene), scene.sh.shape[1])
+        return scene
+
+    def take(self, count: int, coefficients: int) -> None:
+        """Count Gaussians before they take memory; raises InputError if too many are repeated."""
+        self.shown += _bytes(count, coefficients)
+        held = 4 * self.gltf.held  # integers of one byte become float32
+        held += sum(_bytes(len(each), each.sh.shape[1]) for each in self.unpacked.values())
+        if self.shown > held + COPIES_MAX:
+            fault = f"shows {self.shown} bytes of Gaussians and holds at most {held}; repetitions"
+            raise input_error(self.gltf.path, f"{fault} may add {COPIES_MAX}")
+
+
+def _bytes(count: int, coefficients: int) -> int:
+    """Size of Gaussians as float32."""
+    return 4 * count * (11 + 3 * coefficients)
 
 
 def half_turn(scene: Scene, sign: int) -> Scene:
@@ -125,18 +164,7 @@ def _spz_view(extension: dict, where: str) -> int | None:
     return None
 
 
-def _unpack(gltf: Gltf, view: int, axes: str | None, where: str) -> Scene:
-    """The Gaussians of an SPZ file in a buffer view, in the axes of PLY.
-
-    The extension says that unpacking turns from the SPZ's axes to glTF's. CesiumJS 1.146 does not
-    turn: `--axes luf` reads as it does.
-    """
-    data, _, _ = gltf.view(view)
-    with file.copied(data, ".spz", f"{where}: SPZ") as copy:
-        return spz.read(copy, axes)
-
-
-def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
+def _plain(room: Room, primitive: dict, where: str) -> Scene:
     """The Gaussians of a primitive's accessors, as stored."""
     attributes = file.field(primitive, "attributes", dict, where)
     if "indices" in primitive:
@@ -145,7 +173,7 @@ def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
     def values(name: str, columns: int, count: int | None = None) -> np.ndarray:
         name = name if name == "POSITION" else f"{EXTENSION}:{name}"
         place = f"{where}: {name}"
-        found = gltf.accessor(file.field(attributes, name, int, where))
+        found = room.gltf.accessor(file.field(attributes, name, int, where))
         if found.shape[1] != columns:
             raise input_error(place, f"has {found.shape[1]} components, not {columns}")
         if count not in (None, len(found)):
@@ -154,10 +182,11 @@ def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
 
     position = values("POSITION", 3)
     count = len(position)
+    stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
+    room.take(count, sh_count(max(stated, default=0)))
     quaternion = values("ROTATION", 4, count)[:, [3, 0, 1, 2]]
     scale, notes = _scale(values("SCALE", 3, count))
     opacity = values("OPACITY", 1, count)[:, 0]
-    stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
     if _prefix(SH_DEGREE_MAX + 1, attributes):
         notes += (f"harmonics of degree {SH_DEGREE_MAX + 1} are not used",)
     sh = np.zeros((count, sh_count(max(stated, default=0)), 3))
@@ -165,7 +194,7 @@ def _plain(gltf: Gltf, primitive: dict, where: str) -> Scene:
         for k in range(2 * degree + 1):
             name = f"SH_DEGREE_{degree}_COEF_{k}"
             sh[:, degree * degree + k] = values(name, 3, count)
-    return file.linear_scene(gltf.path, position, scale, quaternion, opacity, sh, notes)
+    return file.linear_scene(room.gltf.path, position, scale, quaternion, opacity, sh, notes)
 
 
 def _prefix(degree: int, attributes: dict) -> bool:
