@@ -19,6 +19,8 @@ from splatcore.spec.scene import Scene
 from tb.helpers.refusal import refused
 from tb.helpers.scenes import random_scene
 
+repeatable = settings(deadline=None, derandomize=True, database=None)
+
 WILD = {"scale", "opacity", "quaternion", "position", "sh", "equal"}
 
 
@@ -133,13 +135,13 @@ def check(suffix: str, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("suffix", [suffix for suffix in WRITERS if suffix != ".sog"])
-@settings(max_examples=25, deadline=None)
+@settings(repeatable, max_examples=25)
 @given(scene=scenes())
 def test_any_scene(suffix, scene):
     check(suffix, scene)
 
 
-@settings(max_examples=6, deadline=None)  # its codebooks take a second
+@settings(repeatable, max_examples=6)  # its codebooks take a second
 @given(scene=scenes())
 def test_any_scene_as_sog(scene):
     check(".sog", scene)
