@@ -7,7 +7,7 @@ order m change their sign; PlayCanvas' splat-transform writes GLB in this way.
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,6 +47,10 @@ MARK = {"SplatRenderMode": "mip"}
 """`extras` of a primitive that we write for an antialiased scene, after Brush's comment in PLY.
 glTF itself has no mark."""
 
+COPIES_MAX = 1 << 30
+"""Largest accepted size, in bytes as float32, of Gaussians that a file shows beyond those that it
+holds: by nodes that repeat a mesh, or by primitives that share accessors or buffer views."""
+
 LOGARITHMS = 0.01
 """Share of negative scales from which on they are logarithms, as in drafts of the extension and in
 files of splat-transform before July 2026; fewer are faulty."""
@@ -62,7 +66,7 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         name = file.checked(name, str, f"{path}: 'extensionsRequired'")
         if name not in REQUIRED and not name.startswith(LOOKS_ONLY):
             raise input_error(path, f"requires {name[:60]}, which is not supported")
-    parts, others, packed, size = [], 0, 0, 0
+    parts, others, room = [], 0, Room(gltf, axes)
     for mesh, matrix, node in gltf.placements():
         for primitive, where in _primitives(gltf, mesh):
             found = _extension(primitive, where)
@@ -70,22 +74,19 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
                 others += 1
                 continue
             view = _spz_view(found, where)
-            packed += view is not None
 
             def settled(part: Scene, matrix: np.ndarray = matrix, node: str = node) -> Scene:
                 """Place a part in glTF's axes in the scene, in the axes of PLY."""
                 return half_turn(placed(part, matrix, node), -1)
 
             if view is None:
-                part = _plain(gltf, primitive, where, settled)
+                part = _plain(room, primitive, where, settled)
             else:
-                part = settled(half_turn(_unpack(gltf, view, axes, where), 1))
-            size += 4 * len(part) * (11 + 3 * part.sh.shape[1])  # as float32
-            file.check_expansion(size, gltf.stored, path)
+                part = settled(half_turn(room.unpack(view, where), 1))
             parts.append(_marked(replace(part, notes=part.notes + _values(found)), primitive))
     if not parts:
         raise input_error(path, f"holds no primitive with {EXTENSION}")
-    if axes and not packed:
+    if axes and not room.unpacked:
         raise input_error(path, f"--axes {axes}: the file holds no SPZ; the axes of glTF are known")
     scene = merged(parts)
     notes = (*gltf.notes, *scene.notes, "turned from glTF's axes, y up, by half a turn about z")
@@ -93,6 +94,44 @@ def read(path: str | os.PathLike, axes: str | None = None) -> Scene:
         s = "s" * (others > 1)
         notes += (f"{others} primitive{s} without {EXTENSION} not read",)
     return replace(scene, name=os.fspath(path), notes=notes)
+
+
+@dataclass
+class Room:
+    """The Gaussians that a file shows: hardly more than it holds are accepted."""
+
+    gltf: Gltf
+    axes: str | None  # of SPZ that does not state them
+    shown: int = 0  # bytes as float32
+    unpacked: dict[memoryview, Scene] = field(default_factory=dict)  # by the SPZ's bytes
+
+    def unpack(self, view: int, where: str) -> Scene:
+        """The Gaussians of an SPZ file in a buffer view, in the axes of PLY.
+
+        The extension says that unpacking turns from the SPZ's axes to glTF's. CesiumJS 1.146 does
+        not turn: `--axes luf` reads as it does.
+        """
+        data, _, _ = self.gltf.view(view)
+        if data not in self.unpacked:
+            with file.copied(data, ".spz", f"{where}: SPZ") as copy:
+                self.unpacked[data] = spz.read(copy, self.axes)
+        scene = self.unpacked[data]
+        self.take(len(scene), scene.sh.shape[1])
+        return scene
+
+    def take(self, count: int, coefficients: int) -> None:
+        """Count Gaussians before they take memory; raises InputError if too many are repeated."""
+        self.shown += _bytes(count, coefficients)
+        held = 4 * self.gltf.held  # integers of one byte become float32
+        held += sum(_bytes(len(each), each.sh.shape[1]) for each in self.unpacked.values())
+        if self.shown > held + COPIES_MAX:
+            fault = f"shows {self.shown} bytes of Gaussians and holds at most {held}; repetitions"
+            raise input_error(self.gltf.path, f"{fault} may add {COPIES_MAX}")
+
+
+def _bytes(count: int, coefficients: int) -> int:
+    """Size of Gaussians as float32."""
+    return 4 * count * (11 + 3 * coefficients)
 
 
 def half_turn(scene: Scene, sign: int) -> Scene:
@@ -129,18 +168,7 @@ def _spz_view(extension: dict, where: str) -> int | None:
     return None
 
 
-def _unpack(gltf: Gltf, view: int, axes: str | None, where: str) -> Scene:
-    """The Gaussians of an SPZ file in a buffer view, in the axes of PLY.
-
-    The extension says that unpacking turns from the SPZ's axes to glTF's. CesiumJS 1.146 does not
-    turn: `--axes luf` reads as it does.
-    """
-    data, _, _ = gltf.view(view)
-    with file.copied(data, ".spz", f"{where}: SPZ") as copy:
-        return spz.read(copy, axes)
-
-
-def _plain(gltf: Gltf, primitive: dict, where: str, settled: Callable[[Scene], Scene]) -> Scene:
+def _plain(room: Room, primitive: dict, where: str, settled: Callable[[Scene], Scene]) -> Scene:
     """The Gaussians of a primitive's accessors.
 
     settled: places a batch of them, as stored, in the scene
@@ -152,7 +180,7 @@ def _plain(gltf: Gltf, primitive: dict, where: str, settled: Callable[[Scene], S
     def values(name: str, columns: int, count: int | None = None) -> Accessor:
         name = name if name == "POSITION" else f"{EXTENSION}:{name}"
         place = f"{where}: {name}"
-        found = gltf.accessor(file.field(attributes, name, int, where))
+        found = room.gltf.accessor(file.field(attributes, name, int, where))
         held, per = found.stored.shape
         if per != columns:
             raise input_error(place, f"has {per} components, not {columns}")
@@ -162,10 +190,11 @@ def _plain(gltf: Gltf, primitive: dict, where: str, settled: Callable[[Scene], S
 
     position = values("POSITION", 3)
     count = len(position.stored)
+    stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
+    room.take(count, sh_count(max(stated, default=0)))
     quaternion, scale = values("ROTATION", 4, count), values("SCALE", 3, count)
     opacity = values("OPACITY", 1, count)
     logarithms = (scale.stored < 0).any(axis=1).sum() > LOGARITHMS * count
-    stated = [d for d in range(1, SH_DEGREE_MAX + 1) if _prefix(d, attributes)]
     coefficients = [
         values(f"SH_DEGREE_{degree}_COEF_{k}", 3, count)
         for degree in range(max(stated, default=0) + 1)
@@ -177,7 +206,7 @@ def _plain(gltf: Gltf, primitive: dict, where: str, settled: Callable[[Scene], S
         sh = np.stack([each.numbers(rows) for each in coefficients], axis=1)
         turn = quaternion.numbers(rows)[:, [3, 0, 1, 2]]
         arrays = np.exp(size) if logarithms else size, turn, opacity.numbers(rows)[:, 0], sh
-        return settled(Scene(position.numbers(rows), *arrays, os.fspath(gltf.path)))
+        return settled(Scene(position.numbers(rows), *arrays, os.fspath(room.gltf.path)))
 
     notes: tuple[str, ...] = ()
     if logarithms:
@@ -186,7 +215,7 @@ def _plain(gltf: Gltf, primitive: dict, where: str, settled: Callable[[Scene], S
         notes += (f"harmonics of degree {SH_DEGREE_MAX + 1} are not used",)
     whole = file.in_batches(count, convert)
     arrays = (getattr(whole, name) for name in ARRAYS)
-    return file.linear_scene(gltf.path, *arrays, notes)
+    return file.linear_scene(room.gltf.path, *arrays, notes)
 
 
 def _prefix(degree: int, attributes: dict) -> bool:

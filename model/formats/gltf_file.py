@@ -61,9 +61,9 @@ class Gltf:
     _buffers: dict[int, memoryview] = field(default_factory=dict)
 
     @property
-    def stored(self) -> int:
-        """Size of the file and of the buffers read so far, in bytes."""
-        return file.file_size(self.path) + sum(map(len, self._buffers.values()))
+    def held(self) -> int:
+        """Size of the buffers read so far, in bytes."""
+        return sum(map(len, self._buffers.values()))
 
     def item(self, kind: str, index: int) -> tuple[dict, str]:
         """Object `index` of a list of the JSON, and its location for messages."""

@@ -270,6 +270,9 @@ def write_compressed_ply(path: str | os.PathLike, scene: Scene) -> None:
     import gsply  # imports numba, which takes a third of a second
 
     log_scale, logit = _stored(scene)
+    span = np.ptp(scene.position, axis=0).max()
+    if span > np.finfo(np.float32).max:
+        raise input_error(path, f"positions {span:g} apart are too far for a compressed PLY")
     arrays = scene.position, log_scale, scene.quaternion, logit, scene.sh[:, 0]
     with file.reading(path, "cannot be written"):
         arrays = (np.ascontiguousarray(each, np.float32) for each in arrays)

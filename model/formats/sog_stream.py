@@ -1,10 +1,12 @@
 """Streamed SOG scenes: lod-meta.json, a tree whose leaves name parts of SOG scenes by level.
 
 Source: PlayCanvas' splat-transform 3.7.0, `readLodSource` and its writer. Level 0 is the finest.
-Each level of a leaf is the leaf's whole content; only the environment is added to it.
+Each level of a leaf is the leaf's whole content; only the environment is added to it. Leaves may
+lack levels: we take what PlayCanvas' engine 2.22 draws for them (`GSplatLodTable`).
 """
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
@@ -38,7 +40,7 @@ def read(path: str | os.PathLike, level: int | None = None) -> Scene:
     if level >= levels:
         raise input_error(path, f"--lod {level}: has levels 0 (the finest) … {levels - 1}")
     units = _units(meta, path)
-    parts = _parts(meta, level, len(units), path)
+    parts, other, ended = _parts(meta, level, len(units), path)
     scenes = [
         piece
         for unit, pieces in groupby(parts, lambda part: part.unit)
@@ -49,6 +51,10 @@ def read(path: str | os.PathLike, level: int | None = None) -> Scene:
     if name := file.field(meta, "environment", str, path, ""):
         scenes.append(sog.read(beside(path, name)))
         notes += (f"environment of {len(scenes[-1])} Gaussians added",)
+    if other:
+        notes += (f"leaves without level {level}, read at the nearest one: {other}",)
+    if ended:
+        notes += (f"leaves of which nothing is left at level {level}: {ended}",)
     file.check_count(sum(map(len, scenes)), path)
     found = dict.fromkeys(note for scene in scenes for note in scene.notes)
     return replace(joined(scenes), name=os.fspath(path), notes=(*notes, *found))
@@ -63,34 +69,56 @@ def _units(meta: dict, path: str | os.PathLike) -> list[str]:
     return units
 
 
-def _parts(meta: dict, level: int, units: int, path: str | os.PathLike) -> list[Part]:
-    """The parts of all leaves at a level, sorted.
+def _parts(
+    meta: dict, level: int, units: int, path: str | os.PathLike
+) -> tuple[list[Part], int, int]:
+    """The parts of all leaves at a level, sorted; numbers of leaves at other levels, and of none.
 
     Raises InputError if parts overlap, so that the scene is never larger than its files.
     """
-    parts = []
+    parts, held, other, ended = [], 0, 0, 0
     for leaf, where in _leaves(meta, path):
-        if (entry := leaf.get(str(level))) is None:
-            continue  # nothing is left of the leaf at this level
-        where = f"{where}: level {level}"
-        entry = file.checked(entry, dict, where)
-        names = ("file", "offset", "count")
-        unit, start, count = (file.field(entry, name, int, where) for name in names)
-        if not 0 <= unit < units:
-            raise input_error(where, f"'file' {unit} is not among {units} files")
-        if start < 0 or count < 0:
-            raise input_error(where, f"'offset' {start} or 'count' {count} is negative")
-        if count:
-            parts.append(Part(unit, start, start + count))
+        part = _part(leaf, level, units, where)
+        if part is None and (levels := _levels(leaf, units, where)):
+            finer = [each for each in levels if each < level]
+            if level > max(levels):
+                ended += 1  # all of the leaf has faded
+                continue
+            part = _part(leaf, max(finer) if finer else min(levels), units, where)
+            other += 1
+        elif part is not None:
+            held += part.end - part.start
+        if part is not None:
+            parts.append(part)
     parts.sort()
-    for part, other in pairwise(parts):
-        if part.unit == other.unit and other.start < part.end:
+    for part, after in pairwise(parts):
+        if part.unit == after.unit and after.start < part.end:
             raise input_error(path, f"level {level}: leaves overlap in file {part.unit}")
-    held = sum(part.end - part.start for part in parts)
     counts = file.field(meta, "counts", list, path, [])
     if "counts" in meta and counts[level : level + 1] != [held]:
         raise input_error(path, f"level {level}: leaves hold {held} Gaussians, 'counts' differs")
-    return parts
+    return parts, other, ended
+
+
+def _part(leaf: dict, level: int, units: int, where: str) -> Part | None:
+    """The part of a leaf at a level; None if the leaf lacks it, or it holds no Gaussian."""
+    if (entry := leaf.get(str(level))) is None:
+        return None
+    where = f"{where}: level {level}"
+    entry = file.checked(entry, dict, where)
+    names = ("file", "offset", "count")
+    unit, start, count = (file.field(entry, name, int, where) for name in names)
+    if not 0 <= unit < units:
+        raise input_error(where, f"'file' {unit} is not among {units} files")
+    if start < 0 or count < 0:
+        raise input_error(where, f"'offset' {start} or 'count' {count} is negative")
+    return Part(unit, start, start + count) if count else None
+
+
+def _levels(leaf: dict, units: int, where: str) -> list[int]:
+    """The levels at which a leaf holds Gaussians."""
+    keys = (int(key) for key in leaf if re.fullmatch(r"0|[1-9][0-9]{,8}", key))
+    return [level for level in keys if _part(leaf, level, units, where)]
 
 
 def _leaves(meta: dict, path: str | os.PathLike) -> Iterator[tuple[dict, str]]:

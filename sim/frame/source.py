@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatcore.model.cameras.view import sensible_view
+from splatcore.model.formats import sog_files, sog_stream
 from splatcore.model.formats.camera_file import read_camera, read_cameras, split_id
 from splatcore.model.formats.model_file import is_packed, read_model
 from splatcore.model.formats.read import check_choices, find_format, read_scene
@@ -245,9 +246,11 @@ def camera_beside(source: str | Path) -> str | None:
 
     The scene's name must begin with NAME, up to a character that is neither letter nor digit:
     leica-sofort.cameras.json belongs to leica-sofort-top8192.ply. For a folder (an output of
-    INRIA's training): cameras.json in it.
+    INRIA's training, a SOG) and for a SOG's JSON file: cameras.json in the folder.
     """
     source = Path(source)
+    if source.name.lower() in (sog_files.META, sog_stream.META):
+        source = source.parent
     if source.is_dir():
         return str(source / IN_FOLDER) if (source / IN_FOLDER).is_file() else None
     if not source.name.lower().endswith(SUFFIXES):

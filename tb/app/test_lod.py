@@ -107,4 +107,5 @@ def test_cameras_beside(place):
     found = [camera_beside(name) for name in ("a.ksplat", "b.ply.gz", "c.gz")]
     assert found == ["a.cameras.json", "b.cameras.json", None]
     shutil.copy("cameras.json", "fine/cameras.json")
-    assert camera_beside("fine") == "fine/cameras.json"
+    for name in ("fine", "fine/meta.json", "fine/lod-meta.json"):
+        assert camera_beside(name) == "fine/cameras.json"

@@ -8,13 +8,16 @@ import gzip
 import json
 import sys
 import tempfile
+import tracemalloc
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from splatcore.model.formats.camera_file import read_cameras
+from splatcore.model.formats.file import GZIP_MAGIC
 from splatcore.model.formats.model_file import encode, file_bytes, read_model, zstd
 from splatcore.model.formats.read import read_scene
 from splatcore.model.pack.pack import pack
@@ -199,6 +202,40 @@ def attempt(index: int, seed: int, folder: Path) -> tuple[str, str]:
 def test_unmutated(tmp_path, kind):
     """The files that the campaign starts from are valid."""
     assert check(kind, FILES[kind], tmp_path) == "read"
+
+
+MEMORY = 1 << 20
+"""Bytes that reading a mutated file of at most 40 KB may take, without libraries' own."""
+
+
+def enlarged(kind: str) -> Iterator[Files]:
+    """The files of a kind with 2³¹ − 1 in place of four bytes of a header; then mutated files."""
+    name = next(iter(FILES[kind]))
+    data = FILES[kind][name]
+    zipped = data.startswith(GZIP_MAGIC)
+    data = gzip.decompress(data) if zipped else data
+    for offset in (*range(0, 128, 4), *range(4096, 4160, 4)):  # the second for KSPLAT's section
+        if offset + 4 <= len(data):
+            changed = data[:offset] + b"\xff\xff\xff\x7f" + data[offset + 4 :]
+            yield FILES[kind] | {name: gzip.compress(changed) if zipped else changed}
+    for index in range(20):
+        yield mutated_files(kind, np.random.default_rng((7, index)))
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_memory(tmp_path, kind):
+    """Sizes in a header take no memory that the file does not account for."""
+    check(kind, FILES[kind], tmp_path)  # imports libraries
+    tracemalloc.start()
+    try:
+        for number, files in enumerate(enlarged(kind)):
+            tracemalloc.reset_peak()
+            before, _ = tracemalloc.get_traced_memory()
+            check(kind, files, tmp_path)
+            _, peak = tracemalloc.get_traced_memory()
+            assert peak - before < MEMORY, number
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.slow

@@ -2,11 +2,13 @@
 
 import json
 import struct
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from splatcore.model.formats import gltf
 from splatcore.model.formats.gltf_write import write_glb
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
@@ -111,20 +113,56 @@ def test_bad_json(tmp_path):
         check_bad_scene(tmp_path / "a.gltf", data, message)
 
 
-def test_many_instances(tmp_path):
-    """A mesh shown by many nodes is refused before it fills the memory; a few are read."""
-    builder = Builder()
+def test_repetitions_are_bounded(tmp_path, monkeypatch):
+    """A mesh shown by many nodes, and primitives that share data: 4 bytes of float32 are accepted
+    for each stored one, and COPIES_MAX more."""
+    path, builder = tmp_path / "a.glb", Builder()
+    size = 4 * 14 * 2000  # of the Gaussians
+    message = f"a.glb: shows {5 * size} bytes of Gaussians and holds at most {4 * size}; "
     primitive = builder.primitive(random_scene(2000, 0))
-    for name in primitive["attributes"]:  # all attributes from the same bytes
-        builder.tree["accessors"][primitive["attributes"][name]]["bufferView"] = 1
-    builder.binary = builder.binary[: builder.tree["bufferViews"][2]["byteOffset"]]
+    builder.node(primitive, primitive)
+    builder.node(mesh=0)
+    monkeypatch.setattr(gltf, "COPIES_MAX", 0)
+    assert len(read_written(path, builder.glb())) == 8000
     builder.node(primitive)
-    for _ in range(4):
-        builder.node(mesh=0)
-    assert len(read_written(tmp_path / "a.glb", builder.glb())) == 10_000
-    for _ in range(2000):
-        builder.node(mesh=0)
-    check_bad_scene(tmp_path / "a.glb", builder.glb(), "too many for")
+    check_bad_scene(path, builder.glb(), f"{message}repetitions may add 0")
+    monkeypatch.setattr(gltf, "COPIES_MAX", size - 1)
+    check_bad_scene(path, builder.glb(), message)
+    monkeypatch.setattr(gltf, "COPIES_MAX", size)
+    assert len(read_written(path, builder.glb())) == 10_000
+
+
+def test_repetitions_of_spz_are_bounded(tmp_path, monkeypatch):
+    """Views of the same bytes hold the same Gaussians."""
+    builder, shown = Builder(), 4 * 14 * 4000
+    data = spz_bytes(4, spz_codes(4, 4000, 0), 0)
+    parts = [builder.packed(data) for _ in range(2)]
+    builder.tree["bufferViews"][1]["byteOffset"] = 0
+    builder.binary = builder.binary[: len(data)]
+    builder.node(parts[0])
+    monkeypatch.setattr(gltf, "COPIES_MAX", -4 * len(data))
+    assert len(read_written(tmp_path / "a.glb", builder.glb())) == 4000
+    builder.node(parts[1])
+    message = f"shows {2 * shown} bytes of Gaussians and holds at most {shown + 4 * len(data)}; "
+    check_bad_scene(tmp_path / "a.glb", builder.glb(), message)
+    monkeypatch.setattr(gltf, "COPIES_MAX", shown)
+    assert len(read_written(tmp_path / "a.glb", builder.glb())) == 8000
+
+
+def test_shared_accessors_take_no_memory(tmp_path, monkeypatch):
+    """45 coefficients from the bytes of the positions: refused before they are decoded."""
+    builder, count = Builder(), 100_000
+    primitive = builder.primitive(random_scene(1, 3))
+    position = builder.accessor(np.zeros((count, 3)), "u1")
+    primitive["attributes"] = dict.fromkeys(primitive["attributes"], position)
+    builder.node(primitive)
+    (tmp_path / "a.glb").write_bytes(builder.glb())
+    monkeypatch.setattr(gltf, "COPIES_MAX", 1 << 20)
+    tracemalloc.start()
+    refused(f"shows {236 * count} bytes of Gaussians", read_scene, tmp_path / "a.glb")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 6e6, peak  # positions alone: 2.4 MB; all coefficients: 38 MB
 
 
 def test_deep_tree(tmp_path):

@@ -149,8 +149,50 @@ def test_streamed(tmp_path):
             f"level of detail {lod or 0} of 0 … 1 (see --lod): {count} Gaussians",
             "environment of 4 Gaussians added",
         )
+        ended = "leaves of which nothing is left at level 1: 3"
+        assert (ended in scene.notes) == (lod == 1) and "nearest" not in str(scene.notes)
         check_equal(read_scene(tmp_path / "lod-meta.json", lod=lod), scene)
     refused(r"lod-meta.json: --lod 2: has levels 0 \(the finest\) … 1", read_scene, tmp_path, lod=2)
+
+
+def test_leaves_without_the_level(tmp_path):
+    """The next finer level stands for a missing or empty one, else the next coarser; a leaf ends
+    with its coarsest level."""
+    leaves = ({"0": 0, "1": 0, "2": 2}, {"3": 1}, {"0": 2}, {"0": 1, "1": 1, "2": 0, "4": 1})
+    starts = [0] * len(FILES)
+
+    def lods(leaf: dict) -> dict:
+        """One Gaussian of the file for each level, the next one; file 0: none."""
+        found = {}
+        for level, unit in leaf.items():
+            found[level] = {"file": unit, "offset": starts[unit], "count": int(unit > 0)}
+            starts[unit] += unit > 0
+        return {"lods": found}
+
+    children = [lods(leaf) for leaf in leaves]
+    meta = {"lodLevels": 5, "filenames": FILES, "tree": {"children": children}}
+    stream(tmp_path, meta)
+    one, two = (read_scene(tmp_path / name) for name in FILES[1:])
+    for level, (wanted, other, ended) in {
+        0: (([0, 1], [0, 1]), 2, 0),
+        2: (([0, 2], [0]), 2, 1),
+        3: (([0, 2], []), 1, 2),
+        4: (([3], []), 0, 3),
+    }.items():
+        scene = read_scene(tmp_path, lod=level)
+        position = np.concatenate([one.position[wanted[0]], two.position[wanted[1]]])
+        assert np.array_equal(scene.position, position), level
+        notes = (f"leaves without level {level}, read at the nearest one: {other}",)
+        notes += (f"leaves of which nothing is left at level {level}: {ended}",)
+        assert [note for note in notes if note in scene.notes] == [
+            note for note, count in zip(notes, (other, ended), strict=True) if count
+        ]
+    del meta["tree"]["children"][3]["lods"]["0"]
+    stream(tmp_path, meta | {"counts": [1, 0, 1, 1, 1]})
+    assert len(read_scene(tmp_path)) == 4  # counts are of the level's own entries
+    meta["tree"]["children"][1]["lods"]["3"]["file"] = 9
+    stream(tmp_path, meta)
+    refused("node 2: level 3: 'file' 9 is not among 3 files", read_scene, tmp_path)
 
 
 def test_part_of_a_file(tmp_path):

@@ -17,7 +17,7 @@ from splatcore.spec.scene import Scene
 from tb.helpers.moved import check_moved, covariance, transform
 from tb.helpers.refusal import refused
 from tb.helpers.scene_file import check_bad_scene
-from tb.helpers.scenes import random_scene
+from tb.helpers.scenes import REAL, random_scene, scene_path
 
 needs_usd = pytest.mark.skipif(find_spec("pxr") is None, reason="needs usd-core")
 
@@ -113,6 +113,39 @@ def test_half_floats(tmp_path, degree):
     prim.GetAttribute("positionsh").Set(Vt.Vec3hArray(_rows(other.position)))
     stage.Save()
     assert np.array_equal(read_scene(tmp_path / "b.usda").position, scene.position.astype("f4"))
+
+
+@needs_usd
+@pytest.mark.parametrize("half", (False, True))
+@pytest.mark.parametrize("name", ("random", pytest.param("leica", marks=REAL)))
+def test_the_schema_s_own_class(tmp_path, half, name):
+    """The class of UsdVol creates the attributes that are read."""
+    from pxr import Gf, Usd, UsdVol, Vt
+
+    leica = scene_path("leica-sofort-top8192.ply")
+    scene = random_scene(40, 3) if name == "random" else read_scene(leica)
+    stage, h = Usd.Stage.CreateNew(str(tmp_path / "a.usdc")), "h" * half
+    field = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/scene")
+    vector, quaternion, number = (getattr(Vt, kind) for kind in ARRAYS[h or "f"])
+    float16 = np.float16 if half else np.float32
+    quat = Gf.Quath if half else Gf.Quatf
+    for made, array in (
+        ("Positions", vector.FromNumpy(scene.position.astype(float16))),
+        ("Orientations", quaternion([quat(*map(float, row)) for row in scene.quaternion])),
+        ("Scales", vector.FromNumpy(scene.scale.astype(float16))),
+        ("Opacities", number.FromNumpy(scene.opacity.astype(float16))),
+        (
+            "RadianceSphericalHarmonicsCoefficients",
+            vector.FromNumpy(scene.sh.reshape(-1, 3).astype(float16)),
+        ),
+    ):
+        getattr(field, f"Create{made}{h}Attr")(array)
+    field.CreateRadianceSphericalHarmonicsDegreeAttr(scene.sh_degree)
+    field.CreateSortingModeHintAttr("zDepth")
+    stage.Save()
+    found = read_scene(tmp_path / "a.usdc")
+    for each in ("position", "scale", "quaternion", "opacity", "sh"):
+        assert np.array_equal(getattr(found, each), getattr(scene, each).astype(float16)), each
 
 
 @needs_usd
