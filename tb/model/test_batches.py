@@ -10,6 +10,7 @@ import pytest
 
 from splatcore.app.cli.describe import describe
 from splatcore.golden.reference import render
+from splatcore.model.compress.prune import replaced
 from splatcore.model.export import sog, spz
 from splatcore.model.export.loss import losses
 from splatcore.model.formats import file, gltf_write, ply
@@ -19,6 +20,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.frame.budget import part_by_part
 from splatcore.sim.frame.source import Source
 from splatcore.spec import scene as scenes
+from splatcore.spec.colour import folded
 from splatcore.spec.scene import ARRAYS, Scene, joined, rotation_matrix
 from tb.helpers.clouds import camera, cloud
 from tb.helpers.gltf_file import glb_of
@@ -239,6 +241,17 @@ def test_float32_gives_the_same_bits(tmp_path, degree, quality):
         assert name == "a.sog" or data[0] == data[1], name  # a zip has the time
         stored = read_scene(tmp_path / name)
         assert losses(narrow, stored) == losses(wide, stored), name
+
+
+def test_float32_is_widened_before_computing():
+    """Factors for packing, and a scene in which merged Gaussians replace others."""
+    narrow, wide = twins(3)
+    for one, other in zip(folded(narrow.sh), folded(wide.sh), strict=True):
+        assert one.dtype == np.float64 and np.array_equal(one, other)
+    merged = replace(wide[:2], sh=wide.sh[:2] / 3)
+    index = np.array([4, 7])
+    both = [replaced(each, index, merged).sh for each in (narrow, wide)]
+    assert np.array_equal(*both) and np.array_equal(both[0][index], merged.sh)
 
 
 def test_batches_cover_all_rows(monkeypatch):

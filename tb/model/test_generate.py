@@ -15,7 +15,7 @@ from splatcore.model.generate.garden_splats import quaternions, refine, share_ou
 from splatcore.model.generate.generate import PARTS, garden, generate, generated_camera
 from splatcore.model.generate.hard import HARD, HardCase
 from splatcore.model.generate.hard_colour import ANTIALIASED
-from splatcore.spec import scene
+from splatcore.spec import scene as spec_scene
 from splatcore.spec.camera import look_at
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.scene import ARRAYS, rotation_matrix
@@ -66,6 +66,7 @@ def test_degrees():
         assert np.array_equal(scene.sh[:, :4], plain.sh.astype(np.float32))
     assert not part_of(third, "sky").sh[:, 4:].any()
     grass = part_of(third, "grass").sh
+    assert (grass[:, 4:] != 0).all()
     assert 0.02 < grass[:, 4:9].std() < 0.04 and 0.01 < grass[:, 9:].std() < 0.02
     assert np.array_equal(third.sh, garden(3_000, 5, 3).sh)
     assert not np.array_equal(grass[:, 4:], part_of(garden(3_000, 6, 3), "grass").sh[:, 4:])
@@ -74,7 +75,7 @@ def test_degrees():
 
 def test_degrees_do_not_depend_on_batches(monkeypatch):
     whole = garden(3_000, 1, 3)
-    monkeypatch.setattr(scene, "BATCH", 100)
+    monkeypatch.setattr(spec_scene, "BATCH", 100)
     parts = garden(3_000, 1, 3)
     for name in ARRAYS:
         assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
