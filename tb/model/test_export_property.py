@@ -71,7 +71,7 @@ def steps(values: np.ndarray, bits: tuple[int, ...]) -> np.ndarray:
 
 
 def bounds(suffix: str, scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray | float]]:
-    """What a file stores instead of each field, and the largest error beyond float32."""
+    """The numbers that a file stores for each field, and the largest error beyond float32."""
     logs = np.log(np.maximum(scene.scale, SCALE_MIN))
     found = {
         "position": (scene.position, 0),

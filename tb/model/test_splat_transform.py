@@ -16,6 +16,7 @@ from splatcore.model.formats.ply import write_ply
 from splatcore.model.formats.read import read_scene
 from splatcore.model.formats.spz_axes import turned
 from splatcore.spec.scene import Scene
+from tb.helpers.refusal import refused
 from tb.helpers.scenes import SCENES, random_scene
 
 PROGRAM, VERSION = "splat-transform", "v3.7.0"
@@ -96,6 +97,13 @@ def test_its_files_are_read(scene, suffix, tmp_path):
     bounds = dict(zip(FIELDS, THEIRS[suffix], strict=True))
     wrong = {name: error for name, error in largest.items() if error > bounds[name]}
     assert not wrong
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".html"])
+def test_its_other_files_are_refused(suffix, tmp_path):
+    write_ply(tmp_path / "scene.ply", random_scene(9, 1))
+    path = transform(tmp_path / "scene.ply", tmp_path / f"out{suffix}")
+    refused(rf"out\{suffix}: is not a PLY, ", read_scene, path)
 
 
 @pytest.mark.parametrize("suffix", [suffix for suffix in WRITERS if suffix != ".glb"])
