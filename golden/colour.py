@@ -5,6 +5,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from splatcore.golden.codes import round_values
 from splatcore.golden.program import Values, run
 from splatcore.spec import colour as spec
 from splatcore.spec.config import Config
@@ -44,14 +45,14 @@ def rounded(total: np.ndarray, bits: int) -> np.ndarray:
 def polynomials(config: Config, rays: Values) -> list[np.ndarray]:
     """Return for each of the machine's `TERMS` its polynomials [M, k] in steps of 2^−11, int64."""
     machine = replace(config, arithmetic=spec.BASIS)
-    inputs = {f"ray_{axis}": spec.BASIS.round(rays[f"ray_{axis}"]) for axis in "xyz"}
+    inputs = {f"ray_{axis}": round_values(spec.BASIS, rays[f"ray_{axis}"]) for axis in "xyz"}
     values = run(machine, basis(config), BASIS_CONSTANTS | inputs)
-    found = []
+    found, end = [], 1 << spec.POLYNOMIAL.width - 1
     for term in spec.TERMS:
         if term.degree <= config.sh_degree:
             own = np.stack([values[name] for name in term.polynomials], axis=1)
-            scaled = spec.POLYNOMIAL.round(np.ldexp(own, term.doubled))
-            found.append(np.ldexp(scaled, spec.POLYNOMIAL.fraction).astype(np.int64))
+            steps = np.rint(np.ldexp(own, np.array(term.doubled) + spec.POLYNOMIAL.fraction))
+            found.append(np.clip(steps, -end, end - 1).astype(np.int64))
     return found
 
 

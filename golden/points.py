@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcore.golden.batches import in_batches
+from splatcore.golden.codes import decode, encode, round_values
 from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
@@ -181,7 +182,9 @@ def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.nd
     """
     way = model.decoded(index).grid - frame.camera  # [M, 3] grid steps
     way = np.ldexp(way.astype(np.float64), model.value("position_exponent"))
-    return {f"ray_{axis}": config.arithmetic.round(way[:, k]) for k, axis in enumerate("xyz")}
+    return {
+        f"ray_{axis}": round_values(config.arithmetic, way[:, k]) for k, axis in enumerate("xyz")
+    }
 
 
 def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
@@ -195,8 +198,8 @@ def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values,
     values = run(fine, culling(config.depth_interval), frame.constants | points)
     kept = values["farthest" if config.depth_interval else "z"] > frame.near_plane
     for name in (*RAY, "z"):
-        codes, low = narrowed(config, fine.arithmetic.encode(values[name]))
-        values[name] = config.arithmetic.decode(codes)
+        codes, low = narrowed(config, encode(fine.arithmetic, values[name]))
+        values[name] = decode(config.arithmetic, codes)
     values["z_low"] = low.astype(np.uint64)
     return values, np.full_like(kept, True) if config.culling == "none" else kept
 

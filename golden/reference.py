@@ -15,8 +15,8 @@ from splatcore.golden.reference_tiles import WORK, TileLists, bin_splats, count_
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
 from splatcore.spec.decoded import Decoded
-from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Gaussians, Scene
+from splatcore.spec.packed import Drawn
+from splatcore.spec.scene import Gaussians
 
 C0 = np.sqrt(1 / (4 * np.pi))
 C1 = np.sqrt(3 / (4 * np.pi))
@@ -26,9 +26,6 @@ C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (
 
 COUNTS = ("gaussians", "not_finite", "near_culled", "pairs_3sigma", "visible")
 """Counts of `project`."""
-
-Drawn = Gaussians | Scene | PackedModel
-"""Gaussians that the reference renders; `decoded` returns some of them."""
 
 Progress = Callable[[int, int], None]  # called with (tiles done, tiles in all)
 
@@ -165,16 +162,15 @@ def _visible(
     # Of 0, the compensated opacity of splats without area, it is −inf.
     reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
     splats = Splats(index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point))
-    sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
+    sound = np.isfinite(centre).all(1) & np.isfinite(conic).all(1)
     dropped[0] += len(splats) - sound.sum()
-    splats = splats[sound]
-    squares = areas(square_boxes(splats, camera))
+    squares = np.where(sound, areas(square_boxes(splats, camera)), 0)
     if convention.footprint == "exact":
-        seen = splats.opacity >= convention.alpha_min
+        seen = sound & (opacity >= convention.alpha_min)
         seen &= areas(pixel_boxes(splats, camera)) > 0
     else:
         seen = squares > 0
-    splats = splats[seen]
+    splats = splats[np.flatnonzero(seen)]
     splats.colour[:] = colours(some, splats.index, camera, convention)
     return splats, [len(some), *dropped, squares.sum(), len(splats)]
 
@@ -214,7 +210,7 @@ def covariance_and_conic(
 
 
 def colours(
-    gaussians: Drawn | Decoded, index: np.ndarray, camera: Camera, convention: Convention
+    gaussians: Drawn, index: np.ndarray, camera: Camera, convention: Convention
 ) -> np.ndarray:
     """Return the RGB colours [M, 3] ≥ 0 of Gaussians `index` [M], seen from the camera."""
     some = gaussians.decoded(index)

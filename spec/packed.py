@@ -11,7 +11,7 @@ from splatcore.spec.colour import CHANNELS, LAYOUTS, Harmonics
 from splatcore.spec.decoded import Decoded
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record
-from splatcore.spec.scene import Gaussians, sh_count
+from splatcore.spec.scene import Gaussians, Scene, sh_count
 
 BATCH = 1 << 14
 """Gaussians that are decoded at a time."""
@@ -206,6 +206,10 @@ class PackedModel(ModelHeader):
     def bytes_per_gaussian(self) -> float:
         """Bytes per Gaussian of the whole model except its codebooks."""
         return (len(self.image) - self.format.codebook_bytes) / max(len(self), 1)
+
+
+Drawn = Gaussians | Scene | PackedModel | Decoded
+"""Gaussians for a renderer: `decoded(index)` returns some of them."""
 
 
 def checksum(image: np.ndarray) -> int:

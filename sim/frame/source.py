@@ -170,7 +170,7 @@ def open_camera(text: str | None, size: str | None, source: Source, resized: boo
     if text:
         camera = read_camera(text, shape)
     else:
-        camera = source.camera or sensible_view(source.gaussians, *(shape or VIEW_SIZE))
+        camera = source.camera or sensible_view(source.drawn, *(shape or VIEW_SIZE))
     [camera] = source.reading.seen([camera])
     if not resized:
         return camera
