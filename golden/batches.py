@@ -19,6 +19,9 @@ def in_batches(work: Callable[[slice], Result], count: int) -> list[Result]:
 
     work: called with a slice of items; once with an empty slice if count is 0
     """
-    batches = [slice(first, first + BATCH) for first in range(0, max(count, 1), BATCH)]
+    size = (
+        -(-count // max(-(-count // BATCH), 1)) or 1
+    )  # all alike: numpy's bits depend on tiny ones
+    batches = [slice(first, first + size) for first in range(0, max(count, 1), size)]
     with ThreadPoolExecutor(get_num_threads()) as pool:
         return list(pool.map(work, batches))

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from splatcore.golden.arithmetic import convert, to_fixed
+from splatcore.golden.codes import encode
 from splatcore.golden.footprint import footprints
 from splatcore.spec import feature
 from splatcore.spec import group as records
@@ -14,7 +15,7 @@ from splatcore.spec.colour import CHANNELS, scaled_colours, unscaled_colour_form
 from splatcore.spec.config import Config
 from splatcore.spec.depth import depth_keys
 from splatcore.spec.memory import OPACITY
-from splatcore.spec.number import Fixed
+from splatcore.spec.number import Fixed, Float
 from splatcore.spec.point import splat_record
 from splatcore.spec.record import Codes
 
@@ -108,7 +109,12 @@ def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:
     found = dict(values)
     for channel in CHANNELS:
         found.setdefault(channel, found.get(f"colour_{channel}"))
-    return {name: format.encode(found[name]) for name, format in splat_record(config).fields}
+    return {
+        name: encode(format, found[name])
+        if isinstance(format, Float)
+        else format.encode(found[name])
+        for name, format in splat_record(config).fields
+    }
 
 
 def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int, pages: int):

@@ -1,12 +1,15 @@
 """Golden model of colours: directions to polynomials, sums of small integers (`spec.colour`)."""
 
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from splatcore.golden.codes import round_values
 from splatcore.golden.program import Values, run
 from splatcore.spec import colour as spec
 from splatcore.spec.config import Config
+from splatcore.spec.decoded import Decoded
 from splatcore.spec.memory import CHUNK, CODEBOOK_WORD, COLOUR_ENTRY, SH_ENTRY
 from splatcore.spec.microprogram import basis
 from splatcore.spec.packed import PackedModel
@@ -16,17 +19,19 @@ from splatcore.spec.record import Record
 ONE = 1 << spec.POLYNOMIAL.fraction
 """The polynomial 1 of the base, in steps of `POLYNOMIAL`."""
 
+_tables: WeakKeyDictionary[PackedModel, dict] = WeakKeyDictionary()
+"""Models' decoded codebooks: name → stage → entries."""
 
-def colours(config: Config, model: PackedModel, rays: Values, index: np.ndarray) -> Values:
-    """Return the colours of Gaussians, values of `unscaled_colour_format`.
+
+def colours(config: Config, some: Decoded, rays: Values) -> Values:
+    """Return the colours of some Gaussians [M], values of `unscaled_colour_format`.
 
     rays: [M] vectors from the camera, world axes, values of `Config.arithmetic`
-    index: [M] the Gaussians
     Returns red, green and blue [M].
     """
     factors = polynomials(config, rays) if config.sh_degree else []
-    make = from_codebooks if model.format.codebooks else from_steps
-    total = make(model, factors, index)  # [M, 3]
+    make = from_codebooks if some.model.format.codebooks else from_steps
+    total = make(some, factors)  # [M, 3]
     format = spec.unscaled_colour_format(config)
     colour = np.ldexp(rounded(total, spec.TOTAL_FRACTION - format.fraction), -format.fraction)
     return dict(zip(spec.CHANNELS, np.clip(colour, 0, format.max).T, strict=True))
@@ -40,14 +45,14 @@ def rounded(total: np.ndarray, bits: int) -> np.ndarray:
 def polynomials(config: Config, rays: Values) -> list[np.ndarray]:
     """Return for each of the machine's `TERMS` its polynomials [M, k] in steps of 2^−11, int64."""
     machine = replace(config, arithmetic=spec.BASIS)
-    inputs = {f"ray_{axis}": spec.BASIS.round(rays[f"ray_{axis}"]) for axis in "xyz"}
+    inputs = {f"ray_{axis}": round_values(spec.BASIS, rays[f"ray_{axis}"]) for axis in "xyz"}
     values = run(machine, basis(config), BASIS_CONSTANTS | inputs)
-    found = []
+    found, end = [], 1 << spec.POLYNOMIAL.width - 1
     for term in spec.TERMS:
         if term.degree <= config.sh_degree:
             own = np.stack([values[name] for name in term.polynomials], axis=1)
-            scaled = spec.POLYNOMIAL.round(np.ldexp(own, term.doubled))
-            found.append(np.ldexp(scaled, spec.POLYNOMIAL.fraction).astype(np.int64))
+            steps = np.rint(np.ldexp(own, np.array(term.doubled) + spec.POLYNOMIAL.fraction))
+            found.append(np.clip(steps, -end, end - 1).astype(np.int64))
     return found
 
 
@@ -60,12 +65,13 @@ def add_term(total: np.ndarray, sums: np.ndarray, factor, shift):
     total += (sums * factor << spec.GAIN) >> shift
 
 
-def from_steps(model: PackedModel, factors: list[np.ndarray], index: np.ndarray) -> np.ndarray:
-    """Return the totals [M, 3] of Gaussians `index` [M] of a model in steps."""
+def from_steps(some: Decoded, factors: list[np.ndarray]) -> np.ndarray:
+    """Return the totals [M, 3] of some Gaussians [M] of a model in steps."""
+    model, index = some.model, some.index
     of, exponent = index // CHUNK, np.array(model.exponents)
     s = model.chunks["step"][of].astype(np.int64)  # [M, 4]
     factor, shift = 4 - (s & 1), spec.GAIN - exponent + (s >> 1)
-    base = [spec.BASE.decode(model.attributes[c][index]).astype(np.int64) for c in spec.CHANNELS]
+    base = [spec.BASE.decode(some.attributes[c]).astype(np.int64) for c in spec.CHANNELS]
     total = np.full((len(index), 3), 1 << spec.TOTAL_FRACTION - 1)
     add_term(total, 2 * np.stack(base, axis=1) * ONE, factor[:, 0], shift[:, 0])
     for number, layout in enumerate(spec.LAYOUTS):
@@ -82,24 +88,27 @@ def from_steps(model: PackedModel, factors: list[np.ndarray], index: np.ndarray)
     return total
 
 
-def from_codebooks(model: PackedModel, factors: list[np.ndarray], index: np.ndarray) -> np.ndarray:
-    """Return the totals [M, 3] of Gaussians `index` [M] of a compact model."""
-    total = np.zeros((len(index), 3), np.int64)
+def from_codebooks(some: Decoded, factors: list[np.ndarray]) -> np.ndarray:
+    """Return the totals [M, 3] of some Gaussians [M] of a compact model."""
+    model, total = some.model, np.zeros((len(some), 3), np.int64)
     shift = spec.GAIN - np.array(model.exponents)
-    add_term(total, 2 * codebook_sums(model, "colour", index) * ONE, 4, shift[0])
+    add_term(total, 2 * codebook_sums(some, "colour") * ONE, 4, shift[0])
     if model.format.sh_degree:
-        g = codebook_sums(model, "sh", index).reshape(-1, 3, 3)  # channel × axis
+        g = codebook_sums(some, "sh").reshape(-1, 3, 3)  # channel × axis
         axes = factors[0][:, None, [2, 0, 1]]  # x, y, z of y, z, x
         for part, finer in ((g & (1 << spec.LOW) - 1, 0), (g >> spec.LOW, spec.LOW)):
             add_term(total, (part * axes).sum(2), 4, shift[1] - 1 - finer)
     return total
 
 
-def codebook_sums(model: PackedModel, part: str, index: np.ndarray) -> np.ndarray:
+def codebook_sums(some: Decoded, part: str) -> np.ndarray:
     """Return the sums [M, D] of all stages' entries of the "colour" or "sh" codebook, integers."""
     record = COLOUR_ENTRY if part == "colour" else SH_ENTRY
-    stages = [name for name in model.format.codebook_words if name.startswith(part)]
-    return sum(_entries(model, record, s)[model.attributes[s][index]] for s in stages)
+    tables = _tables.setdefault(some.model, {})
+    if part not in tables:
+        stages = [name for name in some.model.format.codebook_words if name.startswith(part)]
+        tables[part] = {stage: _entries(some.model, record, stage) for stage in stages}
+    return sum(table[some.attributes[stage]] for stage, table in tables[part].items())
 
 
 def _entries(model: PackedModel, record: Record, stage: str) -> np.ndarray:

@@ -159,7 +159,7 @@ def row_columns(o, row, last_column, margin, out):
     return (max(first, 0), last) if x.centre - left <= x.limit else (last + 1, last)
 
 
-@njit(cache=True)
+@njit(nogil=True, cache=True)
 def visit(outlines, group, last_column, margin, out, entries):
     """Write the entries of splats; return their number.
 
@@ -195,15 +195,16 @@ def visit(outlines, group, last_column, margin, out, entries):
 
 def footprints(config: Config, codes: Codes, width: int, height: int):
     """Return entries [E, 3] of splats [N] as `visit` writes them, and their tile rows [N]."""
-
-    def of(batch: slice) -> np.ndarray:
-        part = {name: code[batch] for name, code in codes.items()}
-        return outlines(config, part, width, height)
-
-    found = np.concatenate(in_batches(of, len(codes["u"])))
     rest = config.group, (width - 1) // TILE, binning.lean_margin(config), binning.outward(config)
-    count = visit(found, *rest, np.empty((0, 3), np.int64))
-    entries = np.empty((count, 3), np.int64)
-    if count:
-        visit(found, *rest, entries)
-    return entries, found["last"] - found["first"] + 1
+
+    def of(batch: slice) -> tuple[np.ndarray, np.ndarray]:
+        part = {name: code[batch] for name, code in codes.items()}
+        found = outlines(config, part, width, height)
+        entries = np.empty((visit(found, *rest, np.empty((0, 3), np.int64)), 3), np.int64)
+        if len(entries):
+            visit(found, *rest, entries)
+            entries[:, 0] += batch.start
+        return entries, found["last"] - found["first"] + 1
+
+    entries, rows = zip(*in_batches(of, len(codes["u"])), strict=True)
+    return np.concatenate(entries), np.concatenate(rows)

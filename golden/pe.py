@@ -3,6 +3,7 @@
 Rounds like `spec.number.Float.round`, but directly on float64's bits.
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ class Rounding(NamedTuple):
     zero_sign: bool  # −0 keeps its sign
 
 
+@cache
 def rounding(format: Float) -> Rounding:
     """Return the parameters of a format."""
     infinite = format.overflow == "infinity"

@@ -49,7 +49,7 @@ class Frame:
         lengths = np.diff(self.start)
         tiles = np.bitwise_count(self.binned.entries["mask"])
         return {
-            "points_read": len(self.points.points),
+            "points_read": len(self.points.step),
             "projected": len(self.points.inside),
             "splats": len(self.binned.kept),
             "tile_rows": self.binned.rows,
@@ -76,7 +76,7 @@ def render(
     """
     check_renderable(config, model)
     progress("projecting")
-    points = project_points(config, model, camera)
+    points = project_points(config, model, camera, whole=False)
     codes = splat_codes(config, points.projected)
     size = camera.width, camera.height
     progress("binning")

@@ -10,16 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcore.golden.batches import in_batches
+from splatcore.golden.codes import decode, encode, round_values
 from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.depth import finer, narrowed
 from splatcore.spec.frame import FrameConstants, frame_constants
-from splatcore.spec.memory import CHUNK, EXTENT_SHIFT
+from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, chunk_sizes
 from splatcore.spec.microprogram import culling, program
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.point import splat_record
 from splatcore.spec.programs import CORNER_STEPS, CORNERS
 
 RAY = ("ray_x", "ray_y", "ray_z")
@@ -29,6 +31,10 @@ SHARED = ("margin_x", "margin_y", "chunk_reach")
 """Values of a chunk that its points share."""
 
 
+CULLED, FRONT, INSIDE, SPLAT = range(4)
+"""The last step of a point: culled by stage 0, outside the guard band, projected, a splat."""
+
+
 @dataclass(frozen=True, eq=False)
 class Points:
     """A model's Gaussians after each step of stages 0 and 1, in stored order."""
@@ -36,47 +42,82 @@ class Points:
     frame: FrameConstants
     chunks: Values  # [C] values of the chunk program
     read: np.ndarray  # [C] chunks whose points are read
-    culled: Values  # [N] values of the cull program, for the points of these chunks
-    placed: Values  # [K] values of the place program, for the points that stage 0 kept
-    projected: Values  # [M] values of the projection
-    points: np.ndarray  # [N] Gaussians in `culled`
-    front: np.ndarray  # [K] Gaussians in `placed`
+    step: np.ndarray  # [N] uint8, the last step of each point of these chunks
     inside: np.ndarray  # [L] Gaussians that enter the projection
     index: np.ndarray  # [M] Gaussians in `projected`: `inside`; without culling, those in front
+    projected: Values  # [M] values of the projection
+    culled: Values  # [N] values of the cull program, for the points that are read
+    placed: Values  # [K] values of the place program, for the points that stage 0 kept
+
+    @property
+    def points(self) -> np.ndarray:
+        """Gaussians [N] of the chunks that are read."""
+        return numbers(np.flatnonzero(self.read), np.arange(len(self.step)))
+
+    @property
+    def front(self) -> np.ndarray:
+        """Gaussians [K] that stage 0 kept."""
+        return numbers(np.flatnonzero(self.read), np.flatnonzero(self.step >= FRONT))
 
 
-def project_points(config: Config, model: PackedModel, camera: Camera) -> Points:
-    """Run stages 0 and 1 on a whole model."""
+def project_points(
+    config: Config, model: PackedModel, camera: Camera, whole: bool = True
+) -> Points:
+    """Run stages 0 and 1 on a whole model.
+
+    whole: keep all values of all programs; else only those in `splat_record`
+    """
     exponents = model.value("position_exponent"), model.value("factor_exponent")
     frame = frame_constants(config, camera, *exponents, model.antialiased)
     chunks, read = chunk(config, frame, model)
-    points = np.flatnonzero(read[np.arange(len(model)) // CHUNK])
-    found = in_batches(lambda b: _batch(config, frame, model, chunks, points[b]), len(points))
-    culled, placed, projected, *numbers = zip(*found, strict=True)
-    values = map(_joined, (culled, placed, projected))
-    return Points(frame, chunks, read, *values, points, *map(np.concatenate, numbers))
+    kept, count = np.flatnonzero(read), int(chunk_sizes(len(model)) @ read)
+
+    def work(batch: slice) -> tuple[Values | np.ndarray, ...]:
+        points = numbers(kept, np.arange(*batch.indices(count)))
+        return _batch(config, frame, model, chunks, points, whole)
+
+    step, inside, index, *values = zip(*in_batches(work, count), strict=True)
+    arrays = map(np.concatenate, (step, inside, index))
+    return Points(frame, chunks, read, *arrays, *map(_joined, values))
+
+
+def numbers(chunks: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the Gaussians [M] at some places in the row of all Gaussians of chunks [C]."""
+    of, place = np.divmod(places, CHUNK)
+    return chunks[of] * CHUNK + place
 
 
 def _batch(
-    config: Config, frame: FrameConstants, model: PackedModel, chunks: Values, points: np.ndarray
-) -> tuple[Values | np.ndarray, ...]:
-    """Return the fields of `Points` from `culled` on, except `points`, for some of the points."""
+    config: Config, frame: FrameConstants, model: PackedModel, chunks: Values, points: np.ndarray,
+    whole: bool,
+) -> tuple[Values | np.ndarray, ...]:  # fmt: skip
+    """Return the fields of `Points` from `step` on for some of the points."""
     fields = rays(finer(config), frame, model, points)
     fields |= {name: chunks[name][points // CHUNK] for name in SHARED}
     culled, kept = cull(config, frame, fields)
     fields |= {name: culled[name] for name in ("z", "z_low", *RAY)}
-
-    placed, inside = place(config, frame, _take(fields, kept))
-    front = points[kept]
-    chosen = front[inside]
-    shared = _take(_take(fields, kept), inside) | {axis: placed[axis][inside] for axis in "xy"}
+    fields = _take(fields, kept)
+    placed, inside = place(config, frame, fields)
+    chosen = points[kept][inside]
+    shared = _take(fields, inside) | {axis: placed[axis][inside] for axis in "xy"}
     projected = project(config, frame, model, shared, chosen) | {"z_low": shared["z_low"]}
-    index = chosen
+    seen = np.ones(len(chosen), bool)
     if config.culling == "none":
         seen = shared["z"] > frame.near_plane
         arrays = {name: found for name, found in projected.items() if np.ndim(found)}
-        projected, index = projected | _take(arrays, seen), chosen[seen]
-    return culled, placed, projected, front, chosen, index
+        projected |= _take(arrays, seen)
+    step = kept.astype(np.uint8)
+    step[kept] += inside
+    step[np.flatnonzero(step == INSIDE)[seen]] = SPLAT
+    if not whole:
+        names = {
+            name
+            for field in dict(splat_record(config).fields)
+            for name in (field, f"colour_{field}")
+        }
+        projected = {name: found for name, found in projected.items() if name in names}
+        culled, placed = {}, {}
+    return step, chosen, chosen[seen], projected, culled, placed
 
 
 def _joined(batches: Sequence[Values]) -> Values:
@@ -139,9 +180,11 @@ def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.nd
     index: [M] the Gaussians They are exact on the grid and rounded once, so points near the camera
     are precise, however large their chunk or the scene.
     """
-    way = model.grid[index] - frame.camera  # [M, 3] grid steps
+    way = model.decoded(index).grid - frame.camera  # [M, 3] grid steps
     way = np.ldexp(way.astype(np.float64), model.value("position_exponent"))
-    return {f"ray_{axis}": config.arithmetic.round(way[:, k]) for k, axis in enumerate("xyz")}
+    return {
+        f"ray_{axis}": round_values(config.arithmetic, way[:, k]) for k, axis in enumerate("xyz")
+    }
 
 
 def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values, np.ndarray]:
@@ -155,8 +198,8 @@ def cull(config: Config, frame: FrameConstants, points: Values) -> tuple[Values,
     values = run(fine, culling(config.depth_interval), frame.constants | points)
     kept = values["farthest" if config.depth_interval else "z"] > frame.near_plane
     for name in (*RAY, "z"):
-        codes, low = narrowed(config, fine.arithmetic.encode(values[name]))
-        values[name] = config.arithmetic.decode(codes)
+        codes, low = narrowed(config, encode(fine.arithmetic, values[name]))
+        values[name] = decode(config.arithmetic, codes)
     values["z_low"] = low.astype(np.uint64)
     return values, np.full_like(kept, True) if config.culling == "none" else kept
 

@@ -5,6 +5,7 @@ from itertools import groupby
 import numpy as np
 
 from splatcore.golden import compensation
+from splatcore.golden.codes import decode, encode
 from splatcore.golden.pe import ABSENT, evaluate, rounding
 from splatcore.golden.unary import reciprocal, rsqrt
 from splatcore.spec.config import Config
@@ -51,4 +52,4 @@ def _other(config: Config, unit: str, a: np.ndarray, *others: np.ndarray) -> np.
     if unit in COMPENSATION_UNITS:
         return getattr(compensation, unit)(config, a, *others)
     format = config.arithmetic
-    return format.decode(UNARY[unit](format, format.encode(a)))
+    return decode(format, UNARY[unit](format, encode(format, a)))

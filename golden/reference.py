@@ -10,9 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatcore.golden.batches import in_batches
 from splatcore.golden.reference_tiles import WORK, TileLists, bin_splats, count_rows, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.convention import SIGMA_EXTENT, SPLATCORE, TILE, Convention
+from splatcore.spec.decoded import Decoded
+from splatcore.spec.packed import Drawn
 from splatcore.spec.scene import Gaussians
 
 C0 = np.sqrt(1 / (4 * np.pi))
@@ -20,6 +23,9 @@ C1 = np.sqrt(3 / (4 * np.pi))
 C2 = np.sqrt(np.array([15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))
 C3 = np.sqrt(np.array([35 / 8, 105, 21 / 8, 7 / 4, 21 / 8, 105 / 4, 35 / 8]) / (4 * np.pi))
 """Constants of the harmonics of degree 0 … 3."""
+
+COUNTS = ("gaussians", "not_finite", "near_culled", "pairs_3sigma", "visible")
+"""Counts of `project`."""
 
 Progress = Callable[[int, int], None]  # called with (tiles done, tiles in all)
 
@@ -72,7 +78,7 @@ class Frame:
 
 
 def render(
-    gaussians: Gaussians,
+    gaussians: Drawn,
     camera: Camera,
     convention: Convention = SPLATCORE,
     progress: Progress | None = None,
@@ -112,55 +118,61 @@ def tile_grid(camera: Camera) -> tuple[int, int]:
 
 
 def project(
-    gaussians: Gaussians, camera: Camera, convention: Convention = SPLATCORE
+    gaussians: Drawn, camera: Camera, convention: Convention = SPLATCORE
 ) -> tuple[Splats, dict[str, int | float]]:
-    """Project Gaussians into splats.
+    """Project Gaussians into splats, batch by batch.
 
     gaussians: world space, scene units
     camera: the view
     convention: the renderer's choices
     Returns the visible splats in depth order, and the numbers of Gaussians dropped at each step.
     """
-    finite = np.isfinite(gaussians.position).all(1) & np.isfinite(gaussians.opacity)
-    finite &= np.isfinite(gaussians.factor).all((1, 2)) & np.isfinite(gaussians.sh).all((1, 2))
-    index = np.flatnonzero(finite)
-    point = gaussians.position[index] @ camera.rotation.T + camera.translation  # [N, 3]
-    front = point[:, 2] > camera.near
-    counts = {
-        "gaussians": len(gaussians),
-        "not_finite": len(gaussians) - len(index),
-        "near_culled": int(len(index) - front.sum()),
-    }
-    index, point = index[front], point[front]
-    order = np.argsort(point[:, 2], kind="stable")
-    index, point = index[order], point[order]
 
+    def work(batch: slice) -> tuple[Splats, np.ndarray]:
+        with np.errstate(all="ignore"):  # NaN, and overflows, which are counted as not finite
+            splats, counts = _visible(gaussians.decoded(batch), camera, convention)
+        splats.index[:] += batch.start
+        return splats, counts
+
+    found, counts = zip(*in_batches(work, len(gaussians)), strict=True)
+    counts = dict(zip(COUNTS, np.sum(counts, axis=0).tolist(), strict=True))
+    splats = Splats(*(
+        np.concatenate([getattr(part, name) for part in found])
+        for name in Splats.__dataclass_fields__
+    ))  # fmt: skip
+    return splats[np.argsort(splats.depth, kind="stable")], counts
+
+
+def _visible(
+    some: Gaussians | Decoded, camera: Camera, convention: Convention
+) -> tuple[Splats, list[int]]:
+    """Return the visible splats of some Gaussians, in their order, and `COUNTS`."""
+    finite = some.finite
+    point = some.position @ camera.rotation.T + camera.translation  # [N, 3]
+    index = np.flatnonzero(finite & (point[:, 2] > camera.near))
+    dropped = [len(some) - finite.sum(), finite.sum() - len(index)]
+    point, front = point[index], some[index]
     depth = point[:, 2]
     centre = point[:, :2] / depth[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     centre -= convention.principal_point_shift + convention.pixel_centre
-    with np.errstate(all="ignore"):  # overflows are counted as not finite just below
-        covariance, conic, compensation = covariance_and_conic(
-            gaussians.factor[index], point, camera, convention
-        )
-    opacity = gaussians.opacity[index]
-    if gaussians.antialiased:
+    covariance, conic, compensation = covariance_and_conic(front.factor, point, camera, convention)
+    opacity = front.opacity
+    if some.antialiased:
         opacity = opacity * compensation
-    with np.errstate(divide="ignore"):  # log of 0: compensated opacity of splats without area
-        reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
+    # Of 0, the compensated opacity of splats without area, it is −inf.
+    reach = 2 * np.log(np.maximum(opacity, 0) / convention.alpha_min)
     splats = Splats(index, centre, depth, covariance, conic, opacity, reach, np.zeros_like(point))
-    sound = np.isfinite(splats.centre).all(1) & np.isfinite(conic).all(1)
-    counts["not_finite"] += int(len(splats) - sound.sum())
-    splats = splats[sound]
-    counts["pairs_3sigma"] = int(areas(square_boxes(splats, camera)).sum())
+    sound = np.isfinite(centre).all(1) & np.isfinite(conic).all(1)
+    dropped[0] += len(splats) - sound.sum()
+    squares = np.where(sound, areas(square_boxes(splats, camera)), 0)
     if convention.footprint == "exact":
-        seen = splats.opacity >= convention.alpha_min
+        seen = sound & (opacity >= convention.alpha_min)
         seen &= areas(pixel_boxes(splats, camera)) > 0
     else:
-        seen = areas(square_boxes(splats, camera)) > 0
-    splats = splats[seen]
-    counts["visible"] = len(splats)
-    splats.colour[:] = colours(gaussians, splats.index, camera, convention)
-    return splats, counts
+        seen = squares > 0
+    splats = splats[np.flatnonzero(seen)]
+    splats.colour[:] = colours(some, splats.index, camera, convention)
+    return splats, [len(some), *dropped, squares.sum(), len(splats)]
 
 
 def covariance_and_conic(
@@ -198,11 +210,12 @@ def covariance_and_conic(
 
 
 def colours(
-    gaussians: Gaussians, index: np.ndarray, camera: Camera, convention: Convention
+    gaussians: Drawn, index: np.ndarray, camera: Camera, convention: Convention
 ) -> np.ndarray:
     """Return the RGB colours [M, 3] ≥ 0 of Gaussians `index` [M], seen from the camera."""
-    sh = np.asarray(gaussians.sh[index], np.float64)  # [M, (degree+1)², 3]
-    ray = gaussians.position[index] - camera.position
+    some = gaussians.decoded(index)
+    sh = some.sh.astype(np.float64, copy=False)  # [M, (degree+1)², 3]
+    ray = some.position - camera.position
     ray /= np.abs(ray).max(axis=1, keepdims=True)  # the square of a large one would overflow
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     basis = harmonics(ray, int(np.sqrt(sh.shape[1])) - 1)

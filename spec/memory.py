@@ -35,6 +35,8 @@ beat: L as integers of 4 bits times a common power of two, and opacity and offse
 from dataclasses import dataclass
 from itertools import accumulate
 
+import numpy as np
+
 from splatcore.spec.colour import (
     BASE,
     CHANNELS,
@@ -310,3 +312,8 @@ def step_format(config: Config, degree: int) -> ModelFormat:
 def chunk_count(count: int) -> int:
     """Return the number of chunks of `count` Gaussians."""
     return -(-count // CHUNK)
+
+
+def chunk_sizes(count: int) -> np.ndarray:
+    """Return the Gaussians [C] of each chunk of `count` Gaussians; the last one may be short."""
+    return np.minimum(count - np.arange(chunk_count(count)) * CHUNK, CHUNK)

@@ -82,7 +82,7 @@ class ModelHeader:
         """Whether opacities must be compensated for the blur."""
         return bool(self.value("antialiased"))
 
-    @property
+    @cached_property
     def format(self) -> ModelFormat:
         """Formats of the model's parts."""
         stages = {
@@ -92,7 +92,7 @@ class ModelHeader:
         small = bool(self.value("small"))
         return ModelFormat(self.value("sh_degree"), position, **stages, small=small)
 
-    @property
+    @cached_property
     def exponents(self) -> list[int]:
         """E of each degree."""
         return [int(e) for e in HEADER["exponent"].decode(self.header["exponent"])[0]]

@@ -46,6 +46,16 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.position)
 
+    @property
+    def finite(self) -> np.ndarray:
+        """Whether all numbers of a Gaussian are finite [N]."""
+        found = np.isfinite(self.position).all(1) & np.isfinite(self.opacity)
+        return found & np.isfinite(self.factor).all((1, 2)) & np.isfinite(self.sh).all((1, 2))
+
+    def decoded(self, index) -> "Gaussians":
+        """Return the Gaussians that a numpy index selects, as `Scene` and packed models do."""
+        return self[index]
+
     def __getitem__(self, index) -> "Gaussians":
         """Return the Gaussians that a numpy index (slice, mask or integers) selects."""
         arrays = (self.position, self.factor, self.opacity, self.sh)
@@ -108,6 +118,10 @@ class Scene:
     def with_sh_degree(self, degree: int) -> "Scene":
         """Return the scene with the coefficients above `degree` dropped."""
         return replace(self, sh=self.sh[:, : sh_count(degree)])
+
+    def decoded(self, index) -> Gaussians:
+        """Return the Gaussians that a numpy index selects as the input of a renderer."""
+        return self[index].gaussians()
 
     def gaussians(self) -> Gaussians:
         """Return the input of a renderer: factor = rotation matrix · diag(scale)."""

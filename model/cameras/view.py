@@ -6,7 +6,7 @@ import numpy as np
 
 from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.convention import NEAR_PLANE
-from splatcore.spec.scene import Gaussians
+from splatcore.spec.packed import Drawn
 
 FIELD_OF_VIEW = np.radians(55.0)  # angle across the longer side of the image
 ELEVATION = np.radians(17.0)  # angle at which the camera looks down on its target
@@ -47,6 +47,8 @@ WALLS = 0.25
 
 SAMPLE = 100_000  # Gaussians that are considered, picked evenly; more would not change the view
 
+BATCH = 1 << 16  # Gaussians that are looked at together
+
 
 @dataclass(frozen=True, eq=False)
 class Core:
@@ -67,7 +69,7 @@ class Core:
         return max(distance, NEAREST, NEAREST_SHARE * np.abs(self.middle).max())
 
 
-def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
+def sensible_view(gaussians: Drawn, width: int, height: int) -> Camera:
     """Choose a camera that shows the subject of a scene; y points down.
 
     1. Only finite Gaussians of opacity ≥ 0.3 count (the more opaque half if fewer than a tenth
@@ -90,18 +92,17 @@ def sensible_view(gaussians: Gaussians, width: int, height: int) -> Camera:
     return look_at(core.middle + eye, core.middle, width, height, focal, name="sensible")
 
 
-def core_of(gaussians: Gaussians) -> Core:
+def core_of(gaussians: Drawn) -> Core:
     """The core of a scene, by the rule of `sensible_view`; empty and at the origin if no Gaussian
     counts."""
     index, area = _solid(gaussians)
+    position = gaussians.decoded(index).position
     for _ in range(ROUNDS if len(index) else 0):
-        place = gaussians.position[index]
-        away = np.linalg.norm(place - np.median(place, axis=0), axis=1)
+        away = np.linalg.norm(position - np.median(position, axis=0), axis=1)
         near = away <= SHELL_RATIO * np.median(away)
         if near.all():
             break
-        index, area = index[near], area[near]
-    position = gaussians.position[index]
+        index, area, position = index[near], area[near], position[near]
     low, high = np.zeros((2, 3))
     if len(position):
         low, high = np.percentile(position, CORE, axis=0)
@@ -112,20 +113,27 @@ def core_of(gaussians: Gaussians) -> Core:
     return Core(middle, half, index, position - middle, area)
 
 
-def _solid(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray]:
+def _solid(gaussians: Drawn) -> tuple[np.ndarray, np.ndarray]:
     """Indices [N] of the Gaussians that count, and the area [N] that each represents: 2π · product
     of the two larger axes · opacity · number of Gaussians it was picked from."""
-    finite = (np.abs(gaussians.position) <= LARGEST).all(axis=1) & np.isfinite(gaussians.opacity)
-    finite &= (np.abs(gaussians.factor) <= LARGEST).all(axis=(1, 2))
-    index = np.flatnonzero(finite)
-    opacity = gaussians.opacity[index]
+    found, opacities = [], []
+    for first in range(0, len(gaussians), BATCH):
+        some = gaussians.decoded(slice(first, first + BATCH))
+        opacity = some.opacity
+        finite = (np.abs(some.position) <= LARGEST).all(axis=1) & np.isfinite(opacity)
+        finite &= (np.abs(some.factor) <= LARGEST).all(axis=(1, 2))
+        found.append(np.flatnonzero(finite) + first)
+        opacities.append(opacity[finite])
+    index = np.concatenate([np.zeros(0, np.int64), *found])
     if len(index):
+        opacity = np.concatenate(opacities)
         bound = OPAQUE if np.mean(opacity >= OPAQUE) >= 0.1 else np.median(opacity)
         index = index[opacity >= bound]
     step = max(-(-len(index) // SAMPLE), 1)
     index = index[::step]
-    axes = np.linalg.svd(gaussians.factor[index], compute_uv=False)  # [N, 3], largest first
-    area = 2 * np.pi * gaussians.opacity[index] * axes[:, 0] * axes[:, 1]
+    some = gaussians.decoded(index)
+    axes = np.linalg.svd(some.factor, compute_uv=False)  # [N, 3], largest first
+    area = 2 * np.pi * some.opacity * axes[:, 0] * axes[:, 1]
     return index, area * step
 
 

@@ -18,9 +18,10 @@ from splatcore.model.pack.codebook import Codebook
 from splatcore.model.pack.pack import factor_exponent, format_of, pack
 from splatcore.model.pack.stored import Stored, stored_scene
 from splatcore.spec.config import Config
+from splatcore.spec.decoded import grid_points, offsets
 from splatcore.spec.memory import ABSOLUTE, FACTOR, ModelFormat
 from splatcore.spec.number import Fixed, Float
-from splatcore.spec.packed import PackedModel, grid_points, offsets
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 from splatcore.spec.small import EXPONENT_LAST, LARGEST, UNIT
 

@@ -58,8 +58,8 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
     points = frame.points
     return Cycles(
         chunk=len(points.read) * chunk_interval(config),
-        cull=len(points.points) * schedule(config, culling(config.depth_interval)).interval,
-        place=len(points.front) * schedule(config, program("place")).interval,
+        cull=len(points.step) * schedule(config, culling(config.depth_interval)).interval,
+        place=int(np.count_nonzero(points.step)) * schedule(config, program("place")).interval,
         project=len(points.inside) * schedule(config, projection(config)).interval,
         bin=int(bin_costs(frame).sum()) + len(frame.binned.lists.count),  # and one per list's end
         sort=sort_cycles(config, np.diff(frame.start)),

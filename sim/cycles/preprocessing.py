@@ -44,11 +44,8 @@ def bin_costs(frame: Frame) -> np.ndarray:
 def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     """Cycles of a frame's first half. latency: memory cycles from a request to its first beat."""
     points, plan = frame.points, schedule(config, projection(config))
-    kind = np.zeros(len(points.points), np.int64)  # as in `pass_points`
-    kind[np.searchsorted(points.points, points.front)] = 1
-    kind[np.searchsorted(points.points, points.inside)] = 2
-    kind[np.searchsorted(points.points, points.index)] = 3
-    chunks = np.bincount(points.points // CHUNK, minlength=len(points.read))
+    chunks = np.where(points.read, CHUNK, 0)
+    chunks[np.flatnonzero(chunks)[-1:]] -= chunks.sum() - len(points.step)  # a short last chunk
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
     parts = Parts(
         Part(chunk_interval(config), HEADER + latency),
@@ -57,7 +54,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
         Part(plan.interval, plan.length + SPLAT),
     )
     slots, queue = config.projection_slots, plan.length // plan.interval + 1 + SPARE
-    end = pass_points(chunks, kind, bin_costs(frame), parts, slots, queue)
+    end = pass_points(chunks, points.step, bin_costs(frame), parts, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count
     return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))

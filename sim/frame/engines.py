@@ -24,7 +24,7 @@ class Frame(Protocol):
 def reference(shot: Shot) -> exact.Frame:
     """Render the source as it is, a scene or a model, by the float64 reference."""
     with shot.bar("rendering by the reference") as advance:
-        return exact.render(shot.source.gaussians, shot.camera, shot.convention, advance)
+        return exact.render(shot.source.drawn, shot.camera, shot.convention, advance)
 
 
 def golden(shot: Shot) -> pipeline.Frame:

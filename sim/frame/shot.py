@@ -30,7 +30,7 @@ from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Gaussians
+from splatcore.spec.scene import Gaussians, Scene
 
 if TYPE_CHECKING:  # they import numba and Amaranth
     from splatcore.sim.frame.choose import Packed
@@ -127,16 +127,16 @@ class Shot:
     @cached_property
     def reference(self) -> np.ndarray:
         """The reference's 8-bit picture of the packed model."""
-        return self._exact("drawn", "model", lambda: self.model.gaussians())
+        return self._exact("drawn", "model", self.model)
 
     @cached_property
     def truth(self) -> np.ndarray | None:
         """The reference's 8-bit picture of the original scene; None for a packed model."""
         if self.source.scene is None:
             return None
-        return self._exact("exact", "scene", lambda: self.source.gaussians)
+        return self._exact("exact", "scene", self.source.drawn)
 
-    def _exact(self, name: str, of: str, gaussians: Callable[[], Gaussians]) -> np.ndarray:
+    def _exact(self, name: str, of: str, gaussians: Gaussians | Scene | PackedModel) -> np.ndarray:
         """Render by the reference, unless packing has judged this view by the same picture."""
         plain = self.convention == SPLATCORE
         if plain and getattr(self.packed, "camera", None) is self.camera:
@@ -144,7 +144,7 @@ class Shot:
         from splatcore.golden.reference import render
 
         with self.bar(f"rendering the {of} by the reference") as advance:
-            return render(gaussians(), self.camera, self.convention, advance).pixels
+            return render(gaussians, self.camera, self.convention, advance).pixels
 
     @property
     def truths(self) -> dict[str, np.ndarray]:

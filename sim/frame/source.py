@@ -82,15 +82,20 @@ class Source:
             raise InputError(f"{self.name}: is a packed model already, not a scene")
         return self.scene
 
+    @property
+    def drawn(self) -> Scene | PackedModel:
+        """The scene or model, which the reference decodes batch by batch."""
+        return self.model if self.scene is None else self.scene
+
     @cached_property
     def gaussians(self) -> Gaussians:
         """The Gaussians that a renderer draws."""
-        return (self.model if self.scene is None else self.scene).gaussians()
+        return self.drawn.gaussians()
 
     @property
     def position(self) -> np.ndarray:
         """Centres of the Gaussians, [N, 3]."""
-        return (self.model if self.scene is None else self.scene).position
+        return self.drawn.position
 
     @property
     def stated(self) -> dict[str, bool | str | list[str] | float]:
@@ -166,7 +171,7 @@ def open_camera(text: str | None, size: str | None, source: Source, resized: boo
     if text:
         camera = read_camera(text, shape)
     else:
-        camera = source.camera or sensible_view(source.gaussians, *(shape or VIEW_SIZE))
+        camera = source.camera or sensible_view(source.drawn, *(shape or VIEW_SIZE))
     [camera] = source.reading.seen([camera])
     if not resized:
         return camera

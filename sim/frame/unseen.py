@@ -56,16 +56,21 @@ def near_note(source: "Source", cameras: Sequence[Camera]) -> str:
 
 def before_near(source: "Source", camera: Camera) -> int:
     """Count the Gaussians before a camera's near plane that a near plane of `NEAREST` shows."""
+    from splatcore.golden.batches import in_batches
     from splatcore.golden.reference import project
 
-    position = source.position
-    with np.errstate(all="ignore"):
-        depth = position @ camera.rotation[2] + camera.translation[2]
-    index = np.flatnonzero((depth > NEAREST) & (depth <= camera.near))
+    scene, model = source.scene, source.model
+
+    def between(batch: slice) -> np.ndarray:
+        position = model.decoded(batch).position if scene is None else scene.position[batch]
+        with np.errstate(all="ignore"):
+            depth = position @ camera.rotation[2] + camera.translation[2]
+        return np.flatnonzero((depth > NEAREST) & (depth <= camera.near)) + batch.start
+
+    index = np.concatenate(in_batches(between, len(source.drawn)))
     if not len(index):
         return 0
-    scene = source.scene
-    some = source.gaussians[index] if scene is None else scene[index].gaussians()
+    some = source.drawn.decoded(index)
     return int(project(some, replace(camera, near=NEAREST))[1]["visible"])
 
 

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from splatcore.golden.bin import keys, splat_codes
 from splatcore.golden.exact import entries_of, features_of
-from splatcore.golden.points import Points
+from splatcore.golden.points import Points, project_points
 from splatcore.golden.raster import rasterize
 from splatcore.golden.reference import render as render_reference
 from splatcore.sim.common.output import progress_bar
@@ -84,7 +84,7 @@ def budget(config: Config, view: View, progress: Progress = str) -> dict:
     for name, gaussians in part_by_part(original, model):
         progress(name)
         rows.append(error(name, "packing", exact_picture(gaussians, camera), scene))
-    for name, image in machine_parts(config, whole, frame.points):
+    for name, image in machine_parts(config, whole, project_points(config, model, camera)):
         progress(name)
         rows.append(error(name, "machine", image, whole.image))
     sums = [in_sum([row for row in rows if of in (row["of"], "scene")], of) for of in WHOLES]

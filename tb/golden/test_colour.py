@@ -58,7 +58,7 @@ def check(config, model):
     """Check that a model's colours are exact within the polynomials' bound times its factors."""
     index = np.arange(len(model))
     found, unit = rays(directions(len(model), 1))
-    made = colours(config, model, found, index)
+    made = colours(config, model.decoded(index), found)
     assert list(made) == list(CHANNELS)
     factors = model.factors
     exact = COLOUR_OFFSET + factors[0][:, 0]

@@ -185,7 +185,7 @@ def test_golden_reads_the_packed_values(config, degree):
     for draw in (any_bytes, few_bits):
         model = compact(config, degree, "usual", degree, draw)
         index = np.random.default_rng(13).permutation(len(model))[: len(model) // 2]
-        fields = look_up(config, model, index)
+        fields = look_up(config, model.decoded(index))
         base, *first = model.factors
         expected = dict(zip(COLOURS, base[index, 0].T + COLOUR_OFFSET, strict=True))
         if degree:

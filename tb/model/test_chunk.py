@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatcore.model.pack.chunk import chunk_positions, interleave, morton_order, smallest_shift
+from splatcore.spec.decoded import grid_points, offsets
 from splatcore.spec.memory import CHUNK, EXTENT_SHIFT, STORED_BITS, chunk_count
-from splatcore.spec.packed import grid_points, offsets
 
 COUNTS = [1, 2, CHUNK - 1, CHUNK, CHUNK + 1, 5 * CHUNK + 7]
 BITS = [15, 9]
