@@ -1,6 +1,6 @@
 """A scene as stored in files, and the Gaussians that renderers take."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,6 +9,14 @@ from splatcore.spec.error import InputError
 
 ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
 """Fields of a `Scene` with one row per Gaussian."""
+
+BATCH = 1 << 14
+"""Gaussians that are worked on at a time: their intermediate arrays stay in a core's cache."""
+
+
+def batches(count: int) -> Iterator[slice]:
+    """Yield the slices of at most `BATCH` rows that make up `count` rows."""
+    return (slice(first, min(first + BATCH, count)) for first in range(0, count, BATCH))
 
 
 def sh_count(degree: int) -> int:

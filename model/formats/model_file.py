@@ -152,7 +152,8 @@ def decode(data: bytes, name: str) -> np.ndarray:
     rows = [first, *(reader.rows(table) for table in others)]
     if reader.at != len(data):
         raise input_error(name, f"{len(data) - reader.at} bytes follow the last column")
-    return coded.image_of(header, harmonics, rows)
+    parts = coded.parts_of(header, harmonics, rows[:-2])
+    return coded.image_of(header, harmonics, parts, rows[-2:])
 
 
 class _Reader:
