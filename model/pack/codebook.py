@@ -10,17 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
+from splatcore.spec.memory import LARGE
 from splatcore.spec.number import Fixed
 
 BATCH = 16384
 ITERATIONS = 30
 
-WHOLE = 1 << 20
-"""Up to so many vectors, codebooks are learned from all of them."""
-
 SAMPLE = 1 << 18
-"""Vectors that the codebooks of more vectors are learned from: 2000 per entry, which loses less
-than 0.01 dB."""
+"""Vectors from which the codebooks of more than `LARGE` vectors are learned: 2000 per entry."""
 
 NEAREST = 2048
 """Vectors whose nearest entries are searched at a time: the products stay in a core's cache."""
@@ -52,7 +49,7 @@ def quantise(
     weight: np.ndarray | None = None,
     largest: int = EXPONENT_MAX,
 ) -> Codebook:
-    """Quantise vectors; deterministic for a seed. Of more than `WHOLE` vectors, the entries are
+    """Quantise vectors; deterministic for a seed. Of more than `LARGE` vectors, the entries are
     learned from `SAMPLE` of them.
 
     vectors: [N, D]
@@ -63,7 +60,7 @@ def quantise(
     """
     size = max(vectors.max(initial=0), -vectors.min(initial=0))
     exponent = int(np.clip(np.frexp(size / entry.max)[1], EXPONENT_MIN, largest))
-    whole = len(vectors) <= WHOLE
+    whole = len(vectors) <= LARGE
     if not whole:
         sample = np.random.default_rng(seed).choice(len(vectors), SAMPLE, replace=False)
         weight = None if weight is None else weight[sample]
