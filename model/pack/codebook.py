@@ -64,7 +64,7 @@ def quantise(
     if not whole:
         sample = np.random.default_rng(seed).choice(len(vectors), SAMPLE, replace=False)
         weight = None if weight is None else weight[sample]
-    rest = np.ldexp(vectors if whole else vectors[sample], -exponent)
+    rest = np.ldexp(vectors if whole else vectors[sample].astype(np.float64), -exponent)
     entries, index = [], []
     for bits in index_bits:
         centres, nearest = cluster(rest, 1 << bits, seed, weight)

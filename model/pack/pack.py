@@ -28,6 +28,7 @@ from splatcore.spec.memory import (
     COMPONENT,
     EXPONENT_MAX,
     FACTOR,
+    LARGE,
     SLOPE,
     ModelFormat,
     chunk_count,
@@ -78,15 +79,14 @@ def pack(
     if absolute and not np.isfinite(ABSOLUTE.round(stored.position)).all():
         raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
     stored, clipped = clip_scales(stored, largest_element(config, format))
-    lower = np.empty((len(stored), 6))
-    for rows in batches(len(stored)):
-        factor = stored.part(rows, 0).gaussians().factor
-        lower[rows] = elements(lower_triangular(factor))
-    largest = max(lower.max(initial=0), -lower.min(initial=0))
     progress("colour")
     books = tuple(codebook[stored.index] for codebook in codebooks or ())
     harmonics, exponents, books = colours(stored, format, quality, books, progress)
     progress("layout")
+    lower = np.empty((len(stored), 6))
+    for rows in batches(len(stored)):
+        lower[rows] = elements(lower_triangular(stored.factor(rows)))
+    largest = max(lower.max(initial=0), -lower.min(initial=0))
     whole = Whole(
         format, len(stored), harmonics, exponents, stored.chunks.exponent,
         factor_exponent(config, format, largest), books, scene.antialiased,
@@ -98,19 +98,19 @@ def pack(
 
 def quantised(stored: Stored, lower: np.ndarray, rows: slice, whole: Whole) -> Quantised:
     """Round some Gaussians; lower: [N, 6] elements of L of all Gaussians."""
-    format, part = whole.format, stored.part(rows, whole.format.sh_degree)
-    chunks = stored.chunks[rows]
+    format, chunks = whole.format, stored.chunks[rows]
     absolute = format.position == "absolute"
-    position = ABSOLUTE.encode(part.position) if absolute else chunks.stored
+    position = ABSOLUTE.encode(stored.position[rows]) if absolute else chunks.stored
     factor = np.ldexp(from_elements(lower[rows]), -whole.factor_exponent)
     factor = rounded_factor(factor) if format.small else FACTOR.round(factor)
     with np.errstate(divide="ignore"):  # padding gets the lowest opacity
-        opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(part.opacity, 1)))
+        attenuation = -np.log2(np.minimum(stored.opacity(rows), 1))
+    opacity = format.stored_record["opacity"].round(attenuation)
     if format.codebooks:
-        steps = no_steps(len(part), whole.exponents)
+        steps = no_steps(len(opacity), whole.exponents)
     else:
         own = whole.harmonics[rows.start // CHUNK : chunk_count(rows.stop)]
-        steps = quantise_steps(folded(part.sh), own, whole.exponents)
+        steps = quantise_steps(folded(stored.sh(rows, format.sh_degree)), own, whole.exponents)
     books = tuple(codebook[rows] for codebook in whole.codebooks)
     exponent = whole.factor_exponent
     return Quantised(format, chunks, position, factor, exponent, opacity, steps, books)
@@ -133,13 +133,14 @@ def colours(
         largest = np.zeros((chunk_count(count), degree + 1))
         for rows in batches(count):
             own = slice(rows.start // CHUNK, chunk_count(rows.stop))
-            largest[own] = largest_factors(folded(stored.part(rows, degree).sh))
+            largest[own] = largest_factors(folded(stored.sh(rows, degree)))
         found = layouts(largest, quality)
         return found, step_exponents(largest, found), ()
     if not books:
-        shown, slopes = np.empty((count, 3)), np.empty((count if degree else 0, 9))
+        dtype = np.float64 if count <= LARGE else np.float32
+        shown, slopes = np.empty((count, 3), dtype), np.empty((count if degree else 0, 9), dtype)
         for rows in batches(count):
-            shown[rows], slopes[rows] = appearance(stored.part(rows, degree))
+            shown[rows], slopes[rows] = appearance(stored.sh(rows, degree))
         first = quantise(shown, format.colour_index, COMPONENT)
         del shown
         progress("harmonics")
@@ -181,13 +182,14 @@ def layout_of(quality: str | np.ndarray, degree: int | np.ndarray) -> np.ndarray
     return np.where(np.greater(degree, 2), asked, np.where(np.greater(degree, 0), second, 0))
 
 
-def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """The vectors that codebooks store for a scene of degree 0 or 1: colours [N, 3], as rendered
-    without higher harmonics, and slopes [N, 9] ([0, 9] for degree 0)."""
-    colours = folded(scene.sh)[0][:, 0] + COLOUR_OFFSET
-    if not scene.sh_degree:
+def appearance(sh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The vectors that codebooks store for harmonics [N, (degree+1)², 3] of degree 0 or 1: colours
+    [N, 3], as rendered without higher harmonics, and slopes [N, 9] ([0, 9] for degree 0)."""
+    factors = folded(sh)
+    colours = factors[0][:, 0] + COLOUR_OFFSET
+    if len(factors) == 1:
         return colours, np.zeros((0, 9))
-    return colours, slopes_of(folded(scene.sh)[1]).reshape(-1, 9)
+    return colours, slopes_of(factors[1]).reshape(-1, 9)
 
 
 def packing_key(config: Config) -> tuple:

@@ -84,17 +84,19 @@ def report(stored: Stored, lower: np.ndarray, model: PackedModel, clipped: int) 
     of_degree, squares, coarse = np.zeros(degree + 1), np.zeros(degree + 1), 0
     for rows in batches(len(stored)):
         own = ~padding[rows]
-        exact, part = stored.part(rows, degree)[own], some_chunks(model, rows)
-        packed, factor = part.gaussians()[own], from_elements(lower[rows][own])
-        off = np.abs(packed.position - exact.position).max(1)
-        larger = off > COARSE_SHARE * np.abs(exact.position).max(1)
+        part, factor = some_chunks(model, rows), from_elements(lower[rows][own])
+        position = stored.position[rows][own]
+        off = np.abs(part.position[own] - position).max(1)
+        larger = off > COARSE_SHARE * np.abs(position).max(1)
         coarse += int((off[larger] > axis_of(factor[larger])).sum())
         largest["position"] = max(largest["position"], off.max(initial=0))
-        largest["factor"] = largest_ratio(packed.factor - factor, factor, largest["factor"])
-        off = np.abs(packed.opacity - exact.opacity)
+        largest["factor"] = largest_ratio(part.factor[own] - factor, factor, largest["factor"])
+        off = np.abs(part.opacity - stored.opacity(rows))[own]
         largest["opacity"] = max(largest["opacity"], off.max(initial=0))
-        for d, (found, true) in enumerate(zip(part.factors, folded(exact.sh), strict=True)):
-            error = found[own] - true
+        for d, (found, true) in enumerate(
+            zip(part.factors, folded(stored.sh(rows, degree)), strict=True)
+        ):
+            error = (found - true)[own]
             of_degree[d] = max(of_degree[d], np.abs(error).max(initial=0))
             squares[d] += (error**2).sum()
     count = int(len(stored) - padding.sum())

@@ -9,7 +9,7 @@ from splatcore.model.pack.chunk import Chunks, chunk_positions
 from splatcore.model.pack.floaters import find_floaters
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import ABSOLUTE, ModelFormat
-from splatcore.spec.scene import ARRAYS, Scene, batches, sh_count
+from splatcore.spec.scene import ARRAYS, Scene, batches, rotation_matrix, sh_count
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
@@ -49,19 +49,33 @@ class Stored:
 
     def __getitem__(self, rows: slice) -> Scene:
         """Some Gaussians, in float64."""
-        return self.part(rows, self.original.sh_degree)
-
-    def part(self, rows: slice, degree: int) -> Scene:
-        """Some Gaussians, in float64, with harmonics up to a degree."""
-        scene, index = self.original, self.index[rows]
         return replace(
-            scene,
+            self.original,
             position=self.position[rows],
-            scale=np.minimum(scene.scale[index] * self.share[rows, None], self.scale_max),
-            quaternion=scene.quaternion[index],
-            opacity=scene.opacity[index] * ~self.chunks.padding[rows],
-            sh=scene.sh[index, : sh_count(degree)].astype(np.float64),
+            scale=self.scale(rows),
+            quaternion=self.original.quaternion[self.index[rows]],
+            opacity=self.opacity(rows),
+            sh=self.sh(rows, self.original.sh_degree),
         )
+
+    def scale(self, rows: slice) -> np.ndarray:
+        """Standard deviations [n, 3] of some Gaussians."""
+        scale = self.original.scale[self.index[rows]] * self.share[rows, None]
+        return np.minimum(scale, self.scale_max)
+
+    def factor(self, rows: slice) -> np.ndarray:
+        """Factors R·S [n, 3, 3] of some Gaussians."""
+        rotation = rotation_matrix(self.original.quaternion[self.index[rows]])
+        return rotation * self.scale(rows)[:, None, :]
+
+    def opacity(self, rows: slice) -> np.ndarray:
+        """Opacities [n] of some Gaussians."""
+        return self.original.opacity[self.index[rows]] * ~self.chunks.padding[rows]
+
+    def sh(self, rows: slice, degree: int) -> np.ndarray:
+        """Coefficients [n, (degree+1)², 3] of some Gaussians, in float64."""
+        sh = self.original.sh[:, : sh_count(degree)]
+        return sh[self.index[rows]].astype(np.float64)
 
 
 def stored_scene(scene: Scene, format: ModelFormat) -> Stored:
