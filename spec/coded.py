@@ -22,7 +22,7 @@ A column without rows is left out. All other bytes of a model, which are padding
 are zeros: a model with other padding stays uncoded, as it could not be restored bit for bit.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +32,9 @@ from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, chunk_count
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.number import Bits, code_dtype
-from splatcore.spec.packed import PackedModel, harmonics_beats
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.record import Array, Record, pack_bits
+from splatcore.spec.scene import batches
 
 MAGIC = int.from_bytes(b"SPLZ", "little")
 """'SPLZ': marks a coded file."""
@@ -53,6 +54,11 @@ DISTANCE = Record("distance", {"rows": Bits(32)})
 
 WITH_BEATS = [number for number, layout in enumerate(LAYOUTS) if layout.beats]
 """Numbers of the layouts with beats of harmonics."""
+
+LAYOUT_BEATS = np.array([layout.beats for layout in LAYOUTS])
+"""Beats of harmonics of a Gaussian, by layout."""
+
+Rows = list[np.ndarray]  # of some tables, uint8 [N, size] each
 
 BACK_MAX = 3
 """Maximum `back`: the same coefficient of the previous channel is 1 to 3 columns away."""
@@ -81,25 +87,31 @@ class Table:
 
     def columns(self, rows: np.ndarray) -> list[np.ndarray]:
         """Return the codes [N] of each column, from rows uint8 [N, size]."""
-        found, start = [], 0
-        for record in self.records:
-            part = np.ascontiguousarray(rows[:, start : start + record.size])
-            for codes in record.unpack(part).values():
-                found += [codes] if codes.ndim == 1 else [*codes.T]
-            start += record.size
+        found = [np.empty(len(rows), code_dtype(width)) for width in self.widths]
+        for batch in batches(len(rows)):
+            columns, start = iter(found), 0
+            for record in self.records:
+                part = np.ascontiguousarray(rows[batch, start : start + record.size])
+                for codes in record.unpack(part).values():
+                    for column in codes.reshape(len(codes), -1).T:
+                        next(columns)[batch] = column
+                start += record.size
         return found
 
     def rows(self, columns: list[np.ndarray]) -> np.ndarray:
         """Invert `columns`."""
-        parts, rest = [], iter(columns)
-        for record in self.records:
-            codes = {}
-            for field, format in record.fields:
-                array = isinstance(format, Array)
-                taken = [next(rest) for _ in range(format.length if array else 1)]
-                codes[field] = np.stack(taken, axis=1) if array else taken[0]
-            parts.append(record.pack(codes))
-        return np.concatenate(parts, axis=1)
+        found = np.empty((len(columns[0]), self.size), np.uint8)
+        for batch in batches(len(found)):
+            rest, start = (column[batch] for column in columns), 0
+            for record in self.records:
+                codes = {}
+                for field, format in record.fields:
+                    array = isinstance(format, Array)
+                    taken = [next(rest) for _ in range(format.length if array else 1)]
+                    codes[field] = np.stack(taken, axis=1) if array else taken[0]
+                found[batch, start : start + record.size] = record.pack(codes)
+                start += record.size
+        return found
 
 
 def chunk_table(header: ModelHeader) -> Table:
@@ -154,41 +166,76 @@ def _part(image: np.ndarray, start: int, table: Table) -> np.ndarray:
     return image[start : start + table.count * table.size].reshape(table.count, table.size)
 
 
-def image_of(header: ModelHeader, harmonics: np.ndarray, rows: list[np.ndarray]) -> np.ndarray:
+def beats_in_all(harmonics: np.ndarray, count: int) -> int:
+    """Return the beats of harmonics of a model of `count` Gaussians; harmonics: [C] of chunks."""
+    beats = LAYOUT_BEATS[harmonics]
+    return int(beats.sum() * CHUNK - beats[-1:].sum() * (-count % CHUNK))
+
+
+def image_of(
+    header: ModelHeader, harmonics: np.ndarray, parts: Iterable[Rows], books: Rows
+) -> np.ndarray:
     """Build the image of a model.
 
     header: the model's header
     harmonics: [C] layout of each chunk's harmonics, an index into `LAYOUTS`
-    rows: rows of all tables, uint8 [N, size] each
+    parts: rows of the tables of chunks and Gaussians, uint8 [N, size] each; the parts have whole
+        chunks and follow each other
+    books: rows of the codebooks' tables
     Returns uint8 [bytes].
     """
-    of = _layout_numbers(header, harmonics)
-    size = 1 + harmonics_beats(harmonics, len(header))
-    beats = np.cumsum(size) - size  # [N] first beat of each Gaussian
-    layout = header.layout_of(int(size.sum()) - len(header))
+    layout = header.layout_of(beats_in_all(harmonics, len(header)))
     image = np.zeros(layout.end, np.uint8)
+    width, place, beat = header.format.position_record["x"].width, 0, 0
 
     def put(start: int, data: np.ndarray):
         image[start : start + data.size] = data.reshape(-1)
 
-    chunks, positions, attributes, *others, colours, sh = rows
-    record = header.format.position_record
-    codes = np.stack([*record.unpack(positions).values()], axis=1)
     put(0, header.image[: HEADER.size])
-    put(layout.chunks, chunks)
-    put(layout.positions, pack_bits(codes.reshape(-1), record["x"].width))
-    if header.format.small:
-        put(layout.attributes, attributes)
-    else:
-        width = memory.ATTRIBUTE_BITS // 8
-        stored = image[layout.attributes :][: int(size.sum()) * width].reshape(-1, width)
-        stored[beats] = attributes
-        for part, number in zip(others, WITH_BEATS, strict=True):
-            places = beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
-            stored[places] = part.reshape(*places.shape, width)
-    put(layout.colours, colours)
-    put(layout.sh, sh)
+    for chunks, positions, attributes, *others in parts:
+        first, count = place // CHUNK, len(positions)
+        of = np.repeat(harmonics[first : first + len(chunks)], CHUNK)[:count]
+        codes = np.stack([*header.format.position_record.unpack(positions).values()], axis=1)
+        put(layout.chunks + first * CHUNK_HEADER.size, chunks)
+        put(layout.positions + 3 * place * width // 8, pack_bits(codes.reshape(-1), width))
+        if header.format.small:
+            put(layout.attributes + place * attributes.shape[1], attributes)
+        else:
+            rows = _with_harmonics(of, attributes, others)
+            put(layout.attributes + beat * rows.shape[1], rows)
+            beat += len(rows)
+        place += count
+    put(layout.colours, books[0])
+    put(layout.sh, books[1])
     return image
+
+
+def _with_harmonics(of: np.ndarray, attributes: np.ndarray, others: Rows) -> np.ndarray:
+    """Return the beats [B, 16] of Gaussians with layouts `of` [N]: attributes [N, 16], each
+    followed by its beats of harmonics."""
+    size = 1 + LAYOUT_BEATS[of]
+    first = np.cumsum(size) - size
+    stored = np.empty((int(size.sum()), attributes.shape[1]), np.uint8)
+    stored[first] = attributes
+    for part, number in zip(others, WITH_BEATS, strict=True):
+        places = first[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
+        stored[places] = part.reshape(*places.shape, attributes.shape[1])
+    return stored
+
+
+def parts_of(header: ModelHeader, harmonics: np.ndarray, rows: Rows) -> Iterator[Rows]:
+    """Yield the rows of all tables of chunks and Gaussians, a batch of Gaussians at a time."""
+    chunks, positions, attributes, *others = rows
+    used = [0] * len(others)
+    for batch in batches(len(header)):
+        own = slice(batch.start // CHUNK, chunk_count(batch.stop))
+        of = np.repeat(harmonics[own], CHUNK)[: batch.stop - batch.start]
+        starts, used = (
+            used,
+            [n + int((of == k).sum()) for n, k in zip(used, WITH_BEATS, strict=True)],
+        )
+        beats = [part[a:b] for part, a, b in zip(others, starts, used, strict=True)]
+        yield [chunks[own], positions[batch], attributes[batch], *beats]
 
 
 def difference(

@@ -10,7 +10,7 @@ from splatcore.spec.error import InputError
 ARRAYS = ("position", "scale", "quaternion", "opacity", "sh")
 """Fields of a `Scene` with one row per Gaussian."""
 
-BATCH = 1 << 15
+BATCH = 1 << 14
 """Gaussians that are worked on at a time: their intermediate arrays stay in a core's cache."""
 
 

@@ -20,6 +20,7 @@ from splatcore.sim.frame.source import open_cameras, open_source
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
+from splatcore.spec.memory import LARGE
 
 PSNR_MAX = 100.0  # more than 8-bit pictures can show
 
@@ -44,6 +45,13 @@ class Wanted:
     )
     sh_degree: int | None = option(
         None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
+    )
+    parts: bool = option(
+        False,
+        None,
+        f"Measure the dB of each part of scenes of over {LARGE:,} Gaussians, too: one more "
+        "rendering of the scene per part and view.",
+        panel=options.MACHINE,
     )
 
     def __post_init__(self):
@@ -92,7 +100,9 @@ def pack_command(
             packed = smallest(original, config, seen, psnr, progress)
         else:
             packed = choose(original, config, seen, wanted.quality, progress=progress)
-        losses = psnr_by_part(original, packed.model, seen, progress)
+        losses = {}
+        if wanted.parts or len(original) <= LARGE:
+            losses = psnr_by_part(original, packed.model, seen, progress)
     parts = bytes_by_part(packed.model)
     for line in packed.report.notes:
         source.note(line)

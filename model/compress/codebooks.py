@@ -133,7 +133,7 @@ def in_codebooks(
     """
     format = model_format(config, scene.sh_degree)
     weight = np.maximum(weight, np.finfo(np.float32).tiny)
-    tensors, (_, slopes) = tensors_of(scene), appearance(scene)
+    tensors, (_, slopes) = tensors_of(scene), appearance(scene.sh.astype(np.float64))
     like = tensors["means"].detach()
     of_slopes = weight if len(slopes) else None
     found = quantise(slopes, format.sh_index, SLOPE, seed, of_slopes, SH_EXPONENT_MAX)
@@ -147,7 +147,7 @@ def in_codebooks(
 def assign_slopes(harmonics: Stages, scene: Scene, seen: Directions) -> np.ndarray:
     """Assign the nearest slopes to each Gaussian; return colours [N, 3] that compensate for the
     error of the slopes."""
-    colours, slopes = appearance(scene)
+    colours, slopes = appearance(scene.sh.astype(np.float64))
     if not harmonics.entries:
         return colours
     return seen.compensated(colours, harmonics.assign(slopes, seen.nearest))

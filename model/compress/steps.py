@@ -9,7 +9,7 @@ import torch
 from splatcore.model.compress.quantize import Quantised, straight
 from splatcore.model.gradients.trainable import Tensors
 from splatcore.model.pack.pack import layouts
-from splatcore.model.pack.steps import Steps, quantise_steps
+from splatcore.model.pack.steps import Steps, largest_factors, quantise_steps, step_exponents
 from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import BASE, FOLDED, LAYOUTS, folded, step
 from splatcore.spec.memory import CHUNK
@@ -43,7 +43,9 @@ class InSteps(Quantised):
         coefficients. Learned coefficients are near the middle between two codes, and other steps
         would round them differently."""
         factors = folded((self.as_read() if self.grids else scene).sh[stored.index])
-        steps = quantise_steps(factors, layouts(factors, self.quality))
+        largest = largest_factors(factors)
+        harmonics = layouts(largest, self.quality)
+        steps = quantise_steps(factors, harmonics, step_exponents(largest, harmonics))
         device = self.tensors["means"].device
         self.grids = [
             Grid(*(torch.tensor(numbers, device=device) for numbers in grid))

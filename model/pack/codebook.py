@@ -10,10 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
+from splatcore.spec.memory import LARGE
 from splatcore.spec.number import Fixed
 
 BATCH = 16384
 ITERATIONS = 30
+
+SAMPLE = 1 << 18
+"""Vectors from which the codebooks of more than `LARGE` vectors are learned: 2000 per entry."""
+
+NEAREST = 2048
+"""Vectors whose nearest entries are searched at a time: the products stay in a core's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +49,8 @@ def quantise(
     weight: np.ndarray | None = None,
     largest: int = EXPONENT_MAX,
 ) -> Codebook:
-    """Quantise vectors; deterministic for a seed.
+    """Quantise vectors; deterministic for a seed. Of more than `LARGE` vectors, the entries are
+    learned from `SAMPLE` of them.
 
     vectors: [N, D]
     index_bits: index bits of each stage
@@ -50,16 +58,35 @@ def quantise(
     weight: [N] ≥ 0, weight of each vector's error (default: all equal)
     largest: upper limit of the exponent, which is the smallest at which all components fit
     """
-    _, exponent = np.frexp(np.abs(vectors).max(initial=0) / entry.max)
-    exponent = int(np.clip(exponent, EXPONENT_MIN, largest))
-    rest = np.ldexp(vectors, -exponent)
+    size = max(vectors.max(initial=0), -vectors.min(initial=0))
+    exponent = int(np.clip(np.frexp(size / entry.max)[1], EXPONENT_MIN, largest))
+    whole = len(vectors) <= LARGE
+    if not whole:
+        sample = np.random.default_rng(seed).choice(len(vectors), SAMPLE, replace=False)
+        weight = None if weight is None else weight[sample]
+    rest = np.ldexp(vectors if whole else vectors[sample].astype(np.float64), -exponent)
     entries, index = [], []
     for bits in index_bits:
         centres, nearest = cluster(rest, 1 << bits, seed, weight)
         entries.append(entry.round(centres))
         index.append(nearest)
         rest = rest - entries[-1][nearest]
-    return Codebook(exponent, entries, index)
+    return Codebook(exponent, entries, index if whole else assigned(vectors, exponent, entries))
+
+
+def assigned(vectors: np.ndarray, exponent: int, entries: list[np.ndarray]) -> list[np.ndarray]:
+    """Indices [N] of each stage's entry that is nearest to the remaining error of vectors [N, D],
+    computed in float32."""
+    index = [np.empty(len(vectors), np.int32) for _ in entries]
+    centres = [stage.astype(np.float32) for stage in entries]
+    halves = [(stage * stage).sum(1) / 2 for stage in centres]  # |v − c|² = |v|² − 2 (v·c − |c|²/2)
+    for first in range(0, len(vectors), NEAREST):
+        rows = slice(first, first + NEAREST)
+        rest = np.ldexp(vectors[rows], -exponent).astype(np.float32)
+        for nearest, stage, half in zip(index, centres, halves, strict=True):
+            nearest[rows] = (rest @ stage.T - half).argmax(1)
+            rest -= stage[nearest[rows]]
+    return index
 
 
 def cluster(

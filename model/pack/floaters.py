@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatcore.spec.scene import batches
+
 FEWEST = 16  # smaller scenes have no floaters
 
 SHARE = 32
@@ -51,8 +53,10 @@ def find_floaters(position: np.ndarray, largest: float = np.inf) -> Floaters:
     most = max(2, len(position) // SHARE)
     index = np.zeros(0, np.int64)
     if len(position) >= FEWEST:
-        middle = np.median(position, axis=0)
-        distance = np.abs(position - middle).max(1)
+        middle = np.array([np.median(column) for column in position.T])
+        distance = np.empty(len(position))
+        for rows in batches(len(position)):
+            distance[rows] = np.abs(position[rows] - middle).max(1)
         outer = np.argpartition(distance, -most - 1)[-most - 1 :]
         outer = outer[np.argsort(distance[outer], kind="stable")]
         own = distance[outer]
@@ -71,4 +75,5 @@ def find_floaters(position: np.ndarray, largest: float = np.inf) -> Floaters:
 
 def bound_exponent(position: np.ndarray) -> int:
     """The smallest exponent e with all coordinates of positions [N, 3] below 2^e."""
-    return int(np.frexp(np.abs(position).max(initial=0))[1])
+    largest = max(position.max(initial=0), -position.min(initial=0))
+    return int(np.frexp(largest)[1])

@@ -1,27 +1,42 @@
 """The image of quantised Gaussians in DRAM: every part of `spec.memory`, packed and placed."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatcore.model.pack.chunk import Chunks
 from splatcore.model.pack.codebook import Codebook
-from splatcore.model.pack.factor import largest_axis
+from splatcore.model.pack.factor import ABOUT, about_axis, largest_axis
 from splatcore.model.pack.steps import Steps
 from splatcore.spec import memory
-from splatcore.spec.coded import WITH_BEATS, image_of
+from splatcore.spec.coded import WITH_BEATS, Rows, beats_in_all, image_of
 from splatcore.spec.colour import CHANNELS, LAYOUTS, Harmonics
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import HEADER, ModelFormat
 from splatcore.spec.model_header import ModelHeader
-from splatcore.spec.packed import checksum, harmonics_beats
+from splatcore.spec.packed import checksum
 from splatcore.spec.record import Record
 from splatcore.spec.small import factor_codes
 
 
 @dataclass(frozen=True, eq=False)
+class Whole:
+    """The numbers of a model that its Gaussians share."""
+
+    format: ModelFormat
+    count: int
+    harmonics: np.ndarray  # [C] each chunk's layout, an index of `LAYOUTS`
+    exponents: list[int]  # E of each degree
+    position_exponent: int
+    factor_exponent: int
+    codebooks: tuple[Codebook, ...]  # of colours and of slopes G
+    antialiased: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Quantised:
-    """N Gaussians in stored order, with every number already rounded to its format."""
+    """N Gaussians of whole chunks, with every number already rounded to its format."""
 
     format: ModelFormat
     chunks: Chunks
@@ -31,33 +46,38 @@ class Quantised:
     attenuation: np.ndarray  # [N] −log2(opacity)
     steps: Steps  # `no_steps` if there are codebooks
     codebooks: tuple[Codebook, ...] = ()  # of colours and of slopes G
-    antialiased: bool = False
 
     def __len__(self) -> int:
         return len(self.position)
 
 
-def lay_out(model: Quantised, name: str) -> np.ndarray:
-    """Make the image in DRAM, uint8; `name`: of the scene, for error messages."""
-    layouts, positions = model.steps.harmonics, model.format.position_record
-    beats = harmonics_beats(layouts, len(model))
-    layout = model.format.layout(len(model), int(beats.sum()))
-    of = np.repeat(layouts, memory.CHUNK)[: len(model)]
+def lay_out(model: Whole, parts: Iterable[Quantised], name: str) -> np.ndarray:
+    """Make the image in DRAM, uint8.
+
+    parts: all Gaussians, a batch at a time
+    name: of the scene, for error messages
+    """
+    layout = model.format.layout(model.count, beats_in_all(model.harmonics, model.count))
     books = model.codebooks or (None, None)
-    rows = [
-        chunk_headers(model),
-        positions.pack(dict(zip("xyz", model.position.T, strict=True))),
-        attributes(model),
-        *(harmonics(model.steps, LAYOUTS[k], np.flatnonzero(of == k)) for k in WITH_BEATS),
-        entries(memory.COLOUR_ENTRY, books[0]),
-        entries(memory.SH_ENTRY, books[1]),
-    ]
-    image = image_of(ModelHeader(header(model, layout, check=0), name), layouts, rows)
+    tables = [entries(memory.COLOUR_ENTRY, books[0]), entries(memory.SH_ENTRY, books[1])]
+    head = ModelHeader(header(model, layout, check=0), name)
+    image = image_of(head, model.harmonics, map(rows_of, parts), tables)
     image[: HEADER.size] = header(model, layout, checksum(image))
     return image
 
 
-def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
+def rows_of(part: Quantised) -> Rows:
+    """Rows of the tables of chunks and Gaussians, uint8 [N, size] each."""
+    of = np.repeat(part.steps.harmonics, memory.CHUNK)[: len(part)]
+    return [
+        chunk_headers(part),
+        part.format.position_record.pack(dict(zip("xyz", part.position.T, strict=True))),
+        attributes(part),
+        *(harmonics(part.steps, LAYOUTS[k], np.flatnonzero(of == k)) for k in WITH_BEATS),
+    ]
+
+
+def header(model: Whole, layout: memory.Layout, check: int) -> np.ndarray:
     """The model's header, uint8 [size]."""
     format = model.format
     stages = HEADER["colour_index"].length
@@ -68,16 +88,16 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
         "sh_degree": format.sh_degree,
         "position": memory.POSITION_FORMATS.index(format.position),
         "small": format.small,
-        "count": len(model),
+        "count": model.count,
         "checksum": check,
         "antialiased": model.antialiased,
         "spare": 0,
-        "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.chunks.exponent,
+        "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.position_exponent,
         "factor_exponent": model.factor_exponent,
     }
     numbers |= {part: getattr(layout, part) // memory.ALIGNMENT for part in memory.PLACED}
     codes = {field: HEADER[field].encode(np.array([value])) for field, value in numbers.items()}
-    codes["exponent"] = HEADER["exponent"].encode(np.array([model.steps.exponents]))
+    codes["exponent"] = HEADER["exponent"].encode(np.array([model.exponents]))
     for field in ("colour_index", "sh_index"):
         bits = getattr(format, field)
         codes[field] = np.array([bits + (0,) * (stages - len(bits))])
@@ -86,15 +106,8 @@ def header(model: Quantised, layout: memory.Layout, check: int) -> np.ndarray:
 
 
 def chunk_headers(model: Quantised) -> np.ndarray:
-    """Chunk headers, uint8 [C, size].
-
-    A Gaussian's alpha reaches 1/255 within √(2·ln(255·opacity)) standard deviations of its centre.
-    """
-    chunks = model.chunks
-    starts = np.arange(0, len(model), memory.CHUNK)
-    deviations = np.sqrt(2 * np.log(np.maximum(np.exp2(-model.attenuation) / ALPHA_MIN, 1)))
-    reach = deviations * np.ldexp(largest_axis(model.factor), model.factor_exponent)
-    reach = np.maximum.reduceat(reach, starts) if len(starts) else reach
+    """Chunk headers, uint8 [C, size]."""
+    chunks, reach = model.chunks, largest_reach(model)
     code = memory.REACH.encode(reach)
     code += memory.REACH.decode(code) < reach  # a bound is rounded up
     fields = {name: getattr(chunks, name) for name in ("shift", "extent", "octant_end")}
@@ -104,6 +117,25 @@ def chunk_headers(model: Quantised) -> np.ndarray:
     steps = model.steps
     fields |= {"reach": code, "harmonics": steps.harmonics, "step": steps.s.astype(np.uint64)}
     return memory.CHUNK_HEADER.pack(fields)
+
+
+def largest_reach(model: Quantised) -> np.ndarray:
+    """The largest reach [C] of each chunk's Gaussians, scene units.
+
+    A Gaussian's alpha reaches 1/255 within √(2·ln(255·opacity)) standard deviations of its centre.
+    Only Gaussians whose approximate reach is near their chunk's largest need the exact one.
+    """
+    starts = np.arange(0, len(model), memory.CHUNK)
+    deviations = np.sqrt(2 * np.log(np.maximum(np.exp2(-model.attenuation) / ALPHA_MIN, 1)))
+    reach = deviations * np.ldexp(about_axis(model.factor), model.factor_exponent)
+    if not len(starts):
+        return reach
+    largest = np.repeat(np.maximum.reduceat(reach, starts), memory.CHUNK)[: len(model)]
+    near = np.flatnonzero(reach >= largest * (1 - 3 * ABOUT))
+    axis = np.ldexp(largest_axis(model.factor[near]), model.factor_exponent)
+    reach[:] = 0
+    reach[near] = deviations[near] * axis
+    return np.maximum.reduceat(reach, starts)
 
 
 def attributes(model: Quantised) -> np.ndarray:

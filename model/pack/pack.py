@@ -6,12 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.model.pack.codebook import Codebook, quantise
-from splatcore.model.pack.factor import lower_triangular
-from splatcore.model.pack.layout import Quantised, lay_out
+from splatcore.model.pack.factor import elements, from_elements, lower_triangular
+from splatcore.model.pack.layout import Quantised, Whole, lay_out
 from splatcore.model.pack.quality import COMPACT, INDEXED, SMALL, STEPPED
 from splatcore.model.pack.report import PackReport, report
-from splatcore.model.pack.steps import Steps, no_steps, quantise_steps
-from splatcore.model.pack.stored import keep, stored_scene
+from splatcore.model.pack.steps import (
+    largest_factors,
+    no_steps,
+    quantise_steps,
+    step_exponents,
+)
+from splatcore.model.pack.stored import Stored, stored_scene
 from splatcore.spec.colour import COARSE, FINE, SECOND, SH_EXPONENT_MAX, folded, slopes_of
 from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.convention import COLOUR_OFFSET
@@ -23,15 +28,17 @@ from splatcore.spec.memory import (
     COMPONENT,
     EXPONENT_MAX,
     FACTOR,
+    LARGE,
     SLOPE,
     ModelFormat,
+    chunk_count,
     compact_degrees,
     model_format,
     step_format,
 )
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import Scene, batches
 from splatcore.spec.small import FACTOR_MAX, rounded_factor
 
 STEPS = ("order", "colour", "harmonics", "layout")
@@ -67,61 +74,80 @@ def pack(
     format = format_of(config, quality, degree)
     degree = format.sh_degree
     progress("order")
-    finite, visible = keep(scene)
     stored = stored_scene(scene, format)
-    chunks, kept = stored.chunks, stored.scene.with_sh_degree(degree)
-    kept, clipped = clip_scales(kept, largest_element(config, format))
-    lower = lower_triangular(kept.gaussians().factor)
+    absolute = format.position == "absolute"
+    if absolute and not np.isfinite(ABSOLUTE.round(stored.position)).all():
+        raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
+    stored, clipped = clip_scales(stored, largest_element(config, format))
     progress("colour")
     books = tuple(codebook[stored.index] for codebook in codebooks or ())
-    colour = quantised_colours(kept, format, quality, books, progress)
+    harmonics, exponents, books = colours(stored, format, quality, books, progress)
     progress("layout")
+    lower = np.empty((len(stored), 6))
+    for rows in batches(len(stored)):
+        lower[rows] = elements(lower_triangular(stored.factor(rows)))
+    largest = max(lower.max(initial=0), -lower.min(initial=0))
+    whole = Whole(
+        format, len(stored), harmonics, exponents, stored.chunks.exponent,
+        factor_exponent(config, format, largest), books, scene.antialiased,
+    )  # fmt: skip
+    parts = (quantised(stored, lower, rows, whole) for rows in batches(len(stored)))
+    model = PackedModel(lay_out(whole, parts, scene.name), scene.name)
+    return model, report(stored, lower, model, clipped)
+
+
+def quantised(stored: Stored, lower: np.ndarray, rows: slice, whole: Whole) -> Quantised:
+    """Round some Gaussians; lower: [N, 6] elements of L of all Gaussians."""
+    format, chunks = whole.format, stored.chunks[rows]
     absolute = format.position == "absolute"
-    if absolute and not np.isfinite(ABSOLUTE.round(kept.position)).all():
-        raise InputError(f"{scene.name}: a position is too large for preset {config.name}'s floats")
-    position = ABSOLUTE.encode(kept.position) if absolute else chunks.stored
-    exponent = factor_exponent(config, format, np.abs(lower).max(initial=0))
-    factor = np.ldexp(lower, -exponent)
+    position = ABSOLUTE.encode(stored.position[rows]) if absolute else chunks.stored
+    factor = np.ldexp(from_elements(lower[rows]), -whole.factor_exponent)
     factor = rounded_factor(factor) if format.small else FACTOR.round(factor)
     with np.errstate(divide="ignore"):  # padding gets the lowest opacity
-        opacity = format.stored_record["opacity"].round(-np.log2(np.minimum(kept.opacity, 1)))
-    quantised = Quantised(
-        format, chunks, position, factor, exponent, opacity, *colour, scene.antialiased
-    )
-    model = PackedModel(lay_out(quantised, scene.name), scene.name)
-    counts = {
-        "gaussians": len(scene),
-        "not_finite": int((~finite).sum()),
-        "transparent": int((finite & ~visible).sum()),
-        "floaters": stored.floaters,
-        "moved": stored.moved,
-        "clipped": clipped,
-    }
-    return model, report(kept, lower, model, chunks.padding, counts)
+        attenuation = -np.log2(np.minimum(stored.opacity(rows), 1))
+    opacity = format.stored_record["opacity"].round(attenuation)
+    if format.codebooks:
+        steps = no_steps(len(opacity), whole.exponents)
+    else:
+        own = whole.harmonics[rows.start // CHUNK : chunk_count(rows.stop)]
+        steps = quantise_steps(folded(stored.sh(rows, format.sh_degree)), own, whole.exponents)
+    books = tuple(codebook[rows] for codebook in whole.codebooks)
+    exponent = whole.factor_exponent
+    return Quantised(format, chunks, position, factor, exponent, opacity, steps, books)
 
 
-def quantised_colours(
-    kept: Scene,
+def colours(
+    stored: Stored,
     format: ModelFormat,
     quality: str | np.ndarray,
     books: tuple[Codebook, ...],
     progress: Progress,
-) -> tuple[Steps, tuple[Codebook, ...]]:
-    """Steps and codebooks of Gaussians in stored order.
+) -> tuple[np.ndarray, list[int], tuple[Codebook, ...]]:
+    """Layouts [C] of chunks, exponents E of each degree, and codebooks.
 
     books: codebooks that are already made, or none
     """
+    count, degree = len(stored), format.sh_degree
     if not format.codebooks:
         progress("harmonics")
-        factors = folded(kept.sh)
-        return quantise_steps(factors, layouts(factors, quality)), ()
+        largest = np.zeros((chunk_count(count), degree + 1))
+        for rows in batches(count):
+            own = slice(rows.start // CHUNK, chunk_count(rows.stop))
+            largest[own] = largest_factors(folded(stored.sh(rows, degree)))
+        found = layouts(largest, quality)
+        return found, step_exponents(largest, found), ()
     if not books:
-        colours, slopes = appearance(kept)
-        first = quantise(colours, format.colour_index, COMPONENT)
+        dtype = np.float64 if count <= LARGE else np.float32
+        shown, slopes = np.empty((count, 3), dtype), np.empty((count if degree else 0, 9), dtype)
+        for rows in batches(count):
+            shown[rows], slopes[rows] = appearance(stored.sh(rows, degree))
+        first = quantise(shown, format.colour_index, COMPONENT)
+        del shown
         progress("harmonics")
         books = first, quantise(slopes, format.sh_index, SLOPE, largest=SH_EXPONENT_MAX)
     used = [codebook.exponent for codebook in books if codebook.entries]
-    return no_steps(len(kept), used), books
+    steps = no_steps(count, used)
+    return steps.harmonics, steps.exponents, books
 
 
 def qualities_of(config: Config) -> tuple[str, ...]:
@@ -137,18 +163,15 @@ def format_of(config: Config, quality: str | np.ndarray, degree: int) -> ModelFo
     return model_format(config, min(degree, COMPACT_DEGREE), quality == SMALL)
 
 
-def layouts(factors: list[np.ndarray], quality: str | np.ndarray) -> np.ndarray:
+def layouts(largest: np.ndarray, quality: str | np.ndarray) -> np.ndarray:
     """Layouts [C] of chunks: the quality's layout, reduced to the degree that each chunk needs.
 
-    factors: [N, k, 3] for each degree, of its polynomials
+    largest: [C, degrees] largest magnitude of the polynomials' factors of each degree
     quality: in steps, or a layout [C] per chunk
     """
-    starts = np.arange(0, len(factors[0]), CHUNK)
-    degree = np.zeros(len(starts), np.int64)  # the highest with a factor that is not zero
-    for d, factor in enumerate(factors):
-        largest = np.abs(factor).max((1, 2), initial=0)
-        has = np.maximum.reduceat(largest, starts) > 0 if len(starts) else degree > 0
-        degree = np.where(has, d, degree)
+    degree = np.zeros(len(largest), np.int64)  # the highest with a factor that is not zero
+    for d, factor in enumerate(largest.T):
+        degree = np.where(factor > 0, d, degree)
     return layout_of(quality, degree)
 
 
@@ -159,13 +182,14 @@ def layout_of(quality: str | np.ndarray, degree: int | np.ndarray) -> np.ndarray
     return np.where(np.greater(degree, 2), asked, np.where(np.greater(degree, 0), second, 0))
 
 
-def appearance(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """The vectors that codebooks store for a scene of degree 0 or 1: colours [N, 3], as rendered
-    without higher harmonics, and slopes [N, 9] ([0, 9] for degree 0)."""
-    colours = folded(scene.sh)[0][:, 0] + COLOUR_OFFSET
-    if not scene.sh_degree:
+def appearance(sh: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The vectors that codebooks store for harmonics [N, (degree+1)², 3] of degree 0 or 1: colours
+    [N, 3], as rendered without higher harmonics, and slopes [N, 9] ([0, 9] for degree 0)."""
+    factors = folded(sh)
+    colours = factors[0][:, 0] + COLOUR_OFFSET
+    if len(factors) == 1:
         return colours, np.zeros((0, 9))
-    return colours, slopes_of(folded(scene.sh)[1]).reshape(-1, 9)
+    return colours, slopes_of(factors[1]).reshape(-1, 9)
 
 
 def packing_key(config: Config) -> tuple:
@@ -187,17 +211,17 @@ def largest_element(config: Config, format: ModelFormat) -> float:
     return min(bound, FACTOR_MAX) if format.small else bound
 
 
-def clip_scales(scene: Scene, bound: float) -> tuple[Scene, int]:
-    """Clip scales so that the unit of L suits most Gaussians; return the scene and the number of
-    clipped Gaussians.
+def clip_scales(stored: Stored, bound: float) -> tuple[Stored, int]:
+    """Clip scales so that the unit of L suits most Gaussians; return the Gaussians and the number
+    of clipped ones.
 
     bound: largest element of L, in L's unit; the median Gaussian's L has at least 2^−MEDIAN_BITS
     """
-    largest = scene.scale.max(1, initial=0)
+    largest = stored.original.scale.max(1, initial=0)[stored.index] * stored.share
     if not largest.any():
-        return scene, 0
+        return stored, 0
     most = np.median(largest[largest > 0]) * bound * 2.0**MEDIAN_BITS
-    return replace(scene, scale=np.minimum(scene.scale, most)), int((largest > most).sum())
+    return replace(stored, scale_max=most), int((largest > most).sum())
 
 
 def largest_factor(arithmetic: Float) -> float:

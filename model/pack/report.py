@@ -4,10 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.model.pack.factor import largest_axis
+from splatcore.model.pack.factor import ABOUT, about_axis, from_elements, largest_axis
+from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import folded
-from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Scene
+from splatcore.spec.memory import (
+    ALIGNMENT,
+    ATTRIBUTE_BITS,
+    CHUNK,
+    CHUNK_HEADER,
+    COLOUR_ENTRY,
+    HEADER,
+    PLACED,
+    SH_ENTRY,
+    chunk_count,
+)
+from splatcore.spec.packed import PackedModel, checksum
+from splatcore.spec.scene import batches
 
 COARSE_SHARE = 1e-3
 """A position is `coarse` if its error exceeds this share of it and the size of its Gaussian."""
@@ -61,45 +73,99 @@ class PackReport:
         return lines
 
 
-def report(
-    kept: Scene, lower: np.ndarray, model: PackedModel, padding: np.ndarray, counts: dict[str, int]
-) -> PackReport:
+def report(stored: Stored, lower: np.ndarray, model: PackedModel, clipped: int) -> PackReport:
     """Compare a model with its Gaussians before rounding.
 
-    kept: Gaussians [N] in stored order
-    lower: [N, 3, 3] their factors L
-    padding: [N] bool, copies that do not count
-    counts: the report's fields that packing has counted
+    lower: [N, 6] elements of L
+    clipped: scales that were clipped
     """
-    own = ~padding
-    kept, lower, packed = kept[own], lower[own], model.gaussians()[own]
-    axis = np.maximum(largest_axis(lower), np.finfo(np.float64).tiny)
-    off = np.abs(packed.position - kept.position).max(1)
-    coarse = (off > axis) & (off > COARSE_SHARE * np.abs(kept.position).max(1))
-    pairs = zip(model.factors, folded(kept.sh), strict=True)
-    errors = [packed_factor[own] - exact for packed_factor, exact in pairs]
+    degree, padding = model.format.sh_degree, stored.chunks.padding
+    largest = {"position": 0.0, "factor": 0.0, "opacity": 0.0}
+    of_degree, squares, coarse = np.zeros(degree + 1), np.zeros(degree + 1), 0
+    for rows in batches(len(stored)):
+        own = ~padding[rows]
+        part, factor = some_chunks(model, rows), from_elements(lower[rows][own])
+        position = stored.position[rows][own]
+        off = np.abs(part.position[own] - position).max(1)
+        larger = off > COARSE_SHARE * np.abs(position).max(1)
+        coarse += int((off[larger] > axis_of(factor[larger])).sum())
+        largest["position"] = max(largest["position"], off.max(initial=0))
+        largest["factor"] = largest_ratio(part.factor[own] - factor, factor, largest["factor"])
+        off = np.abs(part.opacity - stored.opacity(rows))[own]
+        largest["opacity"] = max(largest["opacity"], off.max(initial=0))
+        for d, (found, true) in enumerate(
+            zip(part.factors, folded(stored.sh(rows, degree)), strict=True)
+        ):
+            error = (found - true)[own]
+            of_degree[d] = max(of_degree[d], np.abs(error).max(initial=0))
+            squares[d] += (error**2).sum()
+    count = int(len(stored) - padding.sum())
+    numbers = 3 * (2 * np.arange(degree + 1) + 1) * max(count, 1)
+    rms = [float(each) for each in np.sqrt(squares / numbers)]
     return PackReport(
-        **counts,
-        packed=len(kept),
-        coarse=int(coarse.sum()),
+        gaussians=len(stored.original),
+        packed=count,
+        not_finite=stored.not_finite,
+        transparent=stored.transparent,
+        floaters=stored.floaters,
+        moved=stored.moved,
+        clipped=clipped,
+        coarse=coarse,
         padding=int(padding.sum()),
-        sh_degree=kept.sh_degree,
+        sh_degree=degree,
         bytes=len(model.image),
         codebook_bytes=model.format.codebook_bytes,
         bytes_per_gaussian=model.bytes_per_gaussian,
-        position_error=_largest(packed.position - kept.position),
-        factor_error=_largest((packed.factor - lower) / axis[:, None, None]),
-        opacity_error=_largest(packed.opacity - kept.opacity),
-        colour_rms=_rms(errors[0]),
-        sh_rms=[_rms(error) for error in errors[1:]],
-        colour_error=_largest(errors[0]),
-        sh_error=[_largest(error) for error in errors[1:]],
+        **{f"{name}_error": float(error) for name, error in largest.items()},
+        colour_rms=rms[0],
+        sh_rms=rms[1:],
+        colour_error=float(of_degree[0]),
+        sh_error=[float(error) for error in of_degree[1:]],
     )
 
 
-def _largest(error: np.ndarray) -> float:
-    return float(np.abs(error).max(initial=0))
+def axis_of(factor: np.ndarray) -> np.ndarray:
+    """Largest standard deviation [N] > 0 of Gaussians with factors [N, 3, 3]."""
+    return np.maximum(largest_axis(factor), np.finfo(np.float64).tiny)
 
 
-def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt((error**2).mean())) if error.size else 0.0
+def largest_ratio(error: np.ndarray, factor: np.ndarray, known: float) -> float:
+    """Largest element of errors [N, 3, 3] over their Gaussians' largest axes, or `known` if that
+    is larger. Only candidates by the approximate axis need the exact one."""
+    error = np.abs(error).max((1, 2), initial=0)
+    about = error / np.maximum(about_axis(factor), np.finfo(np.float64).tiny)
+    near = np.flatnonzero(about >= max(about.max(initial=0), known) * (1 - 3 * ABOUT))
+    return max(known, float((error[near] / axis_of(factor[near])).max(initial=0)))
+
+
+def some_chunks(model: PackedModel, rows: slice) -> PackedModel:
+    """The model of some Gaussians, whole chunks, with the same codebooks."""
+    own = slice(rows.start // CHUNK, chunk_count(rows.stop))
+    beats = np.concatenate([[0], np.cumsum(model.chunk_beats * CHUNK)])[[own.start, own.stop]]
+    count, format, of = rows.stop - rows.start, model.format, model.layout
+    beats[1] -= (-count % CHUNK) * model.chunk_beats[own.stop - 1]
+    layout = format.layout(count, int(beats[1] - beats[0]) - count)
+    width = 3 * format.position_record["x"].width
+    if format.small:
+        beats, size = np.array([rows.start, rows.stop]), format.stored_record.size
+    else:
+        size = ATTRIBUTE_BITS // 8
+    image = np.zeros(layout.end, np.uint8)
+    places = {
+        "header": (0, HEADER.size),
+        "chunks": (own.start * CHUNK_HEADER.size, own.stop * CHUNK_HEADER.size),
+        "positions": (rows.start * width // 8, -(-rows.stop * width // 8)),
+        "attributes": tuple(beats * size),
+        "colours": (0, format.colour_entries * COLOUR_ENTRY.size),
+        "sh": (0, format.sh_entries * SH_ENTRY.size),
+    }
+    for name, (start, end) in places.items():
+        data = model.image[getattr(of, name) + start : getattr(of, name) + end]
+        image[getattr(layout, name) :][: len(data)] = data
+    head = dict(model.header)
+    numbers = {name: getattr(layout, name) // ALIGNMENT for name in PLACED} | {"count": count}
+    for checked in (0, 1):
+        numbers["checksum"] = checksum(image) if checked else 0
+        head |= {name: HEADER[name].encode(np.array([value])) for name, value in numbers.items()}
+        image[: HEADER.size] = HEADER.pack(head)[0]
+    return PackedModel(image, model.name)

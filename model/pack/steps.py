@@ -39,26 +39,49 @@ def no_steps(count: int, used: list[int]) -> Steps:
     return Steps(exponents, chunks[:, 0], chunks, np.zeros((count, 0)), [], [])
 
 
-def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray) -> Steps:
+def largest_factors(factors: list[np.ndarray]) -> np.ndarray:
+    """The largest magnitude [C, degrees] in each chunk; factors: [N, k, 3] for each degree."""
+    starts = np.arange(0, len(factors[0]), CHUNK)
+    found = np.zeros((len(starts), len(factors)))
+    for degree, factor in enumerate(factors if len(starts) else ()):
+        found[:, degree] = np.maximum.reduceat(np.abs(factor).max((1, 2), initial=0), starts)
+    return found
+
+
+def step_exponents(largest: np.ndarray, harmonics: np.ndarray) -> list[int]:
+    """Exponents E of the steps of each degree.
+
+    largest: [C, degrees] `largest_factors` of all chunks
+    harmonics: [C] layout of each chunk
+    """
+    exponents = [exponent_for(largest[:, 0], BASE)] + [EXPONENT_MIN] * (DEGREES - 1)
+    for degree in range(1, largest.shape[1]):
+        exponents[degree] = max(
+            (
+                exponent_for(largest[harmonics == k, degree], LAYOUTS[k].format(degree))
+                for k in np.unique(harmonics)
+                if degree <= LAYOUTS[k].degree
+            ),
+            default=EXPONENT_MIN,
+        )
+    return exponents
+
+
+def quantise_steps(factors: list[np.ndarray], harmonics: np.ndarray, exponents: list[int]) -> Steps:
     """Quantise colours and harmonics.
 
     factors: [N, k, 3] for each degree, of its polynomials
     harmonics: [C] layout of each chunk
+    exponents: E of the steps of each degree
     """
-    count, exponents = len(factors[0]), [EXPONENT_MIN] * DEGREES
+    count = len(factors[0])
     of = np.arange(count) // CHUNK
     s = np.zeros((len(harmonics), DEGREES), np.int64)
-    exponents[0] = exponent_for(factors[0], BASE)
     base, s[:, 0], _ = quantise(factors[0], of, BASE, exponents[0], False, 1)
     codes = [np.zeros(f.shape, np.int64) for f in factors[1:]]
     shifts = [np.zeros(count, np.int64) for _ in codes]
     for degree in range(1, len(factors)):
         used = [k for k in np.unique(harmonics) if degree <= LAYOUTS[k].degree]
-        wanted = []
-        for k in used:
-            inside = factors[degree][harmonics[of] == k]
-            wanted.append(exponent_for(inside, LAYOUTS[k].format(degree)))
-        exponents[degree] = max(wanted, default=EXPONENT_MIN)
         for k in used:
             index = np.flatnonzero(harmonics[of] == k)
             found = quantise(

@@ -70,7 +70,8 @@ class Views:
         """Render the scene for cameras; `Views` are returned unchanged."""
         if isinstance(cameras, Views):
             return cameras
-        return cls(cameras, [picture(scene.gaussians(), camera) for camera in cameras])
+        gaussians = scene.gaussians()
+        return cls(cameras, [picture(gaussians, camera) for camera in cameras])
 
     def psnr_db(self, gaussians: Gaussians) -> float:
         """PSNR in dB of Gaussians against the scene, the worst view's; `SAME_DB` if equal."""
@@ -84,7 +85,8 @@ class Views:
 
     def judged(self, model: PackedModel, report: PackReport, quality: str) -> Judged:
         """Render a model in all views and add its PSNR."""
-        drawn = [picture(model.gaussians(), camera) for camera in self.cameras]
+        gaussians = model.gaussians()
+        drawn = [picture(gaussians, camera) for camera in self.cameras]
         db = self.least_db(drawn)
         return Judged(
             model, report, quality, None if db == SAME_DB else db, self.cameras[0],

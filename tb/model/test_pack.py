@@ -124,7 +124,7 @@ def test_small_models_are_as_close_as_their_steps():
     """L within 1/15 of its largest element, opacities within 1/8 octave (1/4 at the end of their
     range), positions within 2^-10 of their chunk's span; colours as in a compact model."""
     scene = cloud(2, count=3000, degree=1)
-    colours, slopes = appearance(scene)
+    colours, slopes = appearance(scene.sh)
     books = quantise(colours, (7, 6), COMPONENT), quantise(slopes, (7, 7), SLOPE, largest=-3)
     found = {q: pack(scene, codebooks=books, quality=q)[0] for q in INDEXED}
     small, compact = (found[quality].gaussians() for quality in INDEXED)
