@@ -2,7 +2,8 @@
 
 Both cameras have OpenCV axes. The page's camera is a transform from camera to world, its axis goes
 through the middle of the page, and its field of view is vertical. A picture of another shape than
-the page is centred, as large as the page allows.
+the page fills the page, centred, and loses two edges; if it would lose more than a third, it is
+shown whole between borders.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +19,9 @@ Size = tuple[int, int]
 """Width and height in pixels."""
 
 BORDER = 24  # level of the borders around a picture of another shape
+
+SHOWN_LEAST = 2 / 3
+"""Minimum share of a picture that stays visible when it fills a page of another shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,8 @@ class Pose:
 
 def magnification(size: Size, page: Size) -> float:
     """Return the side of a picture's pixel, in pixels of the page."""
-    return min(page[0] / size[0], page[1] / size[1])
+    whole, filling = sorted((page[0] / size[0], page[1] / size[1]))
+    return filling if whole >= SHOWN_LEAST * filling else whole
 
 
 def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
@@ -85,12 +90,15 @@ def level_up(camera: Camera, up: np.ndarray) -> np.ndarray:
 
 
 def framed(pixels: np.ndarray, page: Size) -> np.ndarray:
-    """Add borders to a picture [H, W, 3] so that it has the shape of the page."""
+    """Give a picture [H, W, 3] the shape of the page: cut edges off or add borders."""
     height, width = pixels.shape[:2]
     scale = magnification((width, height), page)
-    wide, high = round(page[0] / scale), round(page[1] / scale)
-    whole = np.full((max(high, height), max(wide, width), 3), BORDER, np.uint8)
-    top, left = (whole.shape[0] - height) // 2, (whole.shape[1] - width) // 2
+    wide, high = max(1, round(page[0] / scale)), max(1, round(page[1] / scale))
+    top, left = max(0, height - high) // 2, max(0, width - wide) // 2
+    pixels = pixels[top : top + high, left : left + wide]
+    height, width = pixels.shape[:2]
+    whole = np.full((high, wide, 3), BORDER, np.uint8)
+    top, left = (high - height) // 2, (wide - width) // 2
     whole[top : top + height, left : left + width] = pixels
     return whole
 

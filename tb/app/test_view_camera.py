@@ -41,10 +41,10 @@ def test_there_and_back(page):
 
 
 def test_the_page_s_upper_edge():
-    """A point at the page's upper edge projects to the picture's upper edge, or above it if the
-    page is higher than the picture."""
+    """A point at the page's upper edge projects to the picture's upper edge, above it if the page
+    is much higher than the picture, or below it if the picture fills a page of another shape."""
     camera = look_at((0.0, 0, 0), (0.0, 0, 1), 640, 360, 400.0)
-    for page, row in ((640, 360), 0), ((1280, 720), 0), ((900, 360), 0), ((640, 720), -180):
+    for page, row in ((640, 360), 0), ((1280, 720), 0), ((800, 360), 36), ((640, 720), -180):
         pose = pose_of(camera, page)
         up = pose.rotation @ (0, -np.tan(pose.fov / 2), 1) + pose.position
         x, y, z = camera.rotation @ up + camera.translation
@@ -94,6 +94,17 @@ def test_borders(page, top, left):
     assert width * page[1] == height * page[0]
     np.testing.assert_array_equal(whole[top : top + 48, left : left + 64], pixels)
     assert (whole == BORDER).sum() == whole.size - pixels.size
+
+
+FILLED = [((48, 48), 48, 48), ((64, 40), 40, 64), ((88, 48), 35, 64), ((500, 500), 48, 48)]
+
+
+@pytest.mark.parametrize(("page", "high", "wide"), FILLED)
+def test_filled(page, high, wide):
+    """A picture fills a page of a similar shape: its middle is shown, without borders."""
+    pixels = np.random.default_rng(0).integers(100, 256, (48, 64, 3), np.uint8)
+    whole, (top, left) = framed(pixels, page), ((48 - high) // 2, (64 - wide) // 2)
+    np.testing.assert_array_equal(whole, pixels[top : top + high, left : left + wide])
 
 
 def test_within():
