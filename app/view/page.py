@@ -19,6 +19,7 @@ from splatcore.app.view.camera import (
     framed,
     level_up,
     pose_of,
+    shape_of,
 )
 from splatcore.app.view.drawn import Drawn
 from splatcore.app.view.studio import Request, Shown
@@ -204,7 +205,8 @@ class Page:
         """Show a picture, unless it is shown already: encoding takes a tenth of a second."""
         if self._shown is None or not np.array_equal(pixels, self._shown):
             self._shown = pixels
-            self.client.scene.set_background_image(framed(pixels, self._page), format="png")
+            whole = framed(pixels, shape_of(self.asked), self._page)
+            self.client.scene.set_background_image(whole, format="png")
             self._splats.visible = False
 
     def _browse(self):

@@ -68,6 +68,7 @@ class Studio:
         self._frames: dict[object, pipeline.Frame] = {}  # large, so only of the last camera
         self._chosen: dict[tuple, str] = {}
         self._report: Report = lambda text, share: None
+        self._doing = ""  # begins each text of a report
 
     def steps(self, request: Request, report: Report) -> Iterator[Shown]:
         """Yield answers to a request as they get more complete: the picture, its cycles, its error
@@ -129,13 +130,14 @@ class Studio:
         quality = shot.quality or self._chosen.get(key)
         if quality is None:
             self._report(CHOOSING, None)
+            self._doing = f"{CHOOSING}: "
         self.packing = True
         try:
             found = replace(shot, quality=quality).packed.quality
             if quality is None:
                 self._chosen[key] = found
         finally:
-            self.packing = False
+            self.packing, self._doing = False, ""
         return found
 
     @contextmanager
@@ -143,7 +145,7 @@ class Studio:
         """Report the progress of a step to the current request."""
 
         def advance(done: int, total: int | None, text: str = label):
-            self._report(text, done / total if total else None)
+            self._report(self._doing + text, done / total if total else None)
 
         yield advance
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatcore.app.cli.view import setting_of
-from splatcore.app.view.camera import magnification
+from splatcore.app.view.camera import magnification, shape_of
 from splatcore.app.view.server import served
 from splatcore.golden.pipeline import render
 from splatcore.model.pack.pack import pack
@@ -37,13 +37,14 @@ def canvas(tab) -> tuple[int, int]:
     )
 
 
-def seen(tab) -> tuple[np.ndarray, np.ndarray]:
+def seen(tab, shape) -> tuple[np.ndarray, np.ndarray]:
     """The screen where it has pixels of the picture [48, 64, 3], and where it has them [48, 64]."""
     wide, high = canvas(tab)
-    scale = magnification((64, 48), (wide, high))
+    scale = magnification(shape, (wide, high))
+    across = scale * shape[0] / 64
     screen = tab.screenshot()[:high, :wide].astype(float)
     rows = ((high - 48 * scale) / 2 + scale * (np.arange(48) + 0.5)).astype(int)
-    columns = ((wide - 64 * scale) / 2 + scale * (np.arange(64) + 0.5)).astype(int)
+    columns = ((wide - 64 * across) / 2 + across * (np.arange(64) + 0.5)).astype(int)
     inside = ((rows >= 0) & (rows < high))[:, None] & (columns >= 0) & (columns < wide)
     return screen[rows.clip(0, high - 1)][:, columns.clip(0, wide - 1)], inside
 
@@ -60,7 +61,7 @@ def test_the_screen_shows_the_golden_picture(tmp_path, monkeypatch):
 
     def error() -> float:
         """The mean error of the screen's picture."""
-        screen, inside = seen(tab)
+        screen, inside = seen(tab, shape_of(page.asked))
         return np.abs(screen - golden())[inside].mean()
 
     def golden() -> np.ndarray:

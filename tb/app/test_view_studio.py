@@ -199,7 +199,10 @@ def test_packing_goes_on_while_the_camera_moves(scene, camera, changed):
         newest.value = 2
 
     serve(studio, 1, Request(camera, TINY), send, newest, SimpleNamespace(value=changed))
-    begun, packing = (1, Progress(CHOOSING, None)), (2, Progress("packing: compact", None))
+    begun, packing = (
+        (1, Progress(CHOOSING, None)),
+        (2, Progress(f"{CHOOSING}: packing: compact", None)),
+    )
     assert sent == [begun, packing][: 3 - changed]
     assert bool(studio.source.packings) == bool(studio._chosen) == (changed == 1)
     assert not studio.packing and not studio._frames
