@@ -231,7 +231,7 @@ def test_a_marked_scene(setting):
 def test_with_a_worker(setting, file, tmp_path, monkeypatch):
     """The newest request wins; a saved camera gives the same picture by `render`."""
     monkeypatch.chdir(tmp_path)
-    client, worker = PageClient(60, 44), Worker(file)
+    client, worker = PageClient(78, 44), Worker(file)  # the shape of 60×44 pixels here
     shown = Page(client, setting, worker, lambda: worker)
     try:
         for _ in range(4):  # each while the previous request is running
