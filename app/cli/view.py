@@ -58,8 +58,9 @@ def view_command(
         source = open_source(scene, view.reading)
         setting = setting_of(source, view.camera, view.size, config, quality)
     mark = describe.antialiased_line(source)
-    with served(source, setting, host, port) as (address, _):
-        console.print(f"{source.name}: {address} (Ctrl-C ends); {mark}")
+    del source  # the workers read the scene themselves
+    with served(scene, view.reading, setting, host, port) as (address, _):
+        console.print(f"{scene}: {address} (Ctrl-C ends); {mark}")
         wait(address if browser else None)
 
 
@@ -68,6 +69,7 @@ def setting_of(
 ):
     """Return the settings of a new page; raise InputError for a scene that cannot be shown."""
     from splatcore.app.view.camera import fitting, up_of, within
+    from splatcore.app.view.drawn import drawn_by_browser
     from splatcore.app.view.page import Setting
     from splatcore.model.formats.camera_file import read_cameras, split_id
     from splatcore.model.pack.pack import qualities_of
@@ -88,7 +90,9 @@ def setting_of(
     cameras = source.reading.seen(cameras)
     up, mark = up_of(cameras or [view]), source.stated["antialiased_by"]
     notes = tuple(source.notes)
-    return Setting(view, cameras, up, config, quality, source.gaussians, mark, notes)
+    drawn = drawn_by_browser(source.gaussians)
+    antialiased = source.stated["antialiased"]
+    return Setting(view, cameras, up, config, quality, drawn, antialiased, mark, notes)
 
 
 def wait(address: str | None):

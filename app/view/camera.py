@@ -2,7 +2,9 @@
 
 Both cameras have OpenCV axes. The page's camera is a transform from camera to world, its axis goes
 through the middle of the page, and its field of view is vertical. A picture of another shape than
-the page is centred, as large as the page allows.
+the page fills the page, centred, and loses two edges; if it would lose more than a third, it is
+shown whole between borders. Pixels that are not square (fx ≠ fy) are stretched, so that the scene
+has its own proportions.
 """
 
 from dataclasses import dataclass, replace
@@ -18,6 +20,9 @@ Size = tuple[int, int]
 """Width and height in pixels."""
 
 BORDER = 24  # level of the borders around a picture of another shape
+
+SHOWN_LEAST = 2 / 3
+"""Minimum share of a picture that stays visible when it fills a page of another shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +48,15 @@ class Pose:
         return all(np.allclose(one, two, rtol=1e-6, atol=1e-9) for one, two in pairs)
 
 
-def magnification(size: Size, page: Size) -> float:
-    """Return the side of a picture's pixel, in pixels of the page."""
-    return min(page[0] / size[0], page[1] / size[1])
+def shape_of(camera: Camera) -> tuple[float, float]:
+    """Return width and height of a camera's picture on the page, in heights of a pixel."""
+    return camera.width * camera.fy / camera.fx, camera.height
+
+
+def magnification(shape: tuple[float, float], page: Size) -> float:
+    """Return the height of a picture's pixel, in pixels of the page. shape: from `shape_of`"""
+    whole, filling = sorted((page[0] / shape[0], page[1] / shape[1]))
+    return filling if whole >= SHOWN_LEAST * filling else whole
 
 
 def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
@@ -54,7 +65,7 @@ def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
     like: camera with the ratio fx / fy and the principal point, which a page does not have
     """
     whole = like.resized(*size)
-    focal = pose.page[1] / (2 * np.tan(pose.fov / 2) * magnification(size, pose.page))
+    focal = pose.page[1] / (2 * np.tan(pose.fov / 2) * magnification(shape_of(whole), pose.page))
     rotation = pose.rotation.T
     return replace(
         whole, fx=whole.fx * focal / whole.fy, fy=focal, rotation=rotation,
@@ -64,8 +75,7 @@ def camera_of(pose: Pose, like: Camera, size: Size, name: str = "") -> Camera:
 
 def pose_of(camera: Camera, page: Size) -> Pose:
     """Return the page's camera with the view of a camera."""
-    size = camera.width, camera.height
-    fov = 2 * np.arctan(page[1] / (2 * camera.fy * magnification(size, page)))
+    fov = 2 * np.arctan(page[1] / (2 * camera.fy * magnification(shape_of(camera), page)))
     return Pose(camera.rotation.T, camera.position, float(fov), page)
 
 
@@ -84,14 +94,20 @@ def level_up(camera: Camera, up: np.ndarray) -> np.ndarray:
     return found / np.linalg.norm(found) if found @ own > 0.05 else own
 
 
-def framed(pixels: np.ndarray, page: Size) -> np.ndarray:
-    """Add borders to a picture [H, W, 3] so that it has the shape of the page."""
-    height, width = pixels.shape[:2]
-    scale = magnification((width, height), page)
-    wide, high = round(page[0] / scale), round(page[1] / scale)
-    whole = np.full((max(high, height), max(wide, width), 3), BORDER, np.uint8)
-    top, left = (whole.shape[0] - height) // 2, (whole.shape[1] - width) // 2
-    whole[top : top + height, left : left + width] = pixels
+def framed(pixels: np.ndarray, shape: tuple[float, float], page: Size) -> np.ndarray:
+    """Cut edges off a picture [H, W, 3] or add borders: stretched to the page, it has its shape.
+
+    shape: of the picture, from `shape_of`
+    """
+    high, wide = pixels.shape[:2]
+    scale = magnification(shape, page)
+    share = page[0] / (scale * shape[0]), page[1] / (scale * shape[1])  # page in pictures
+    wide, high = max(1, round(wide * share[0])), max(1, round(high * share[1]))
+    spare = np.array([high, wide]) - pixels.shape[:2]
+    (top, left), (down, right) = np.maximum(-spare, 0) // 2, np.maximum(spare, 0) // 2
+    pixels = pixels[top : top + high, left : left + wide]
+    whole = np.full((high, wide, 3), BORDER, np.uint8)
+    whole[down : down + len(pixels), right : right + pixels.shape[1]] = pixels
     return whole
 
 

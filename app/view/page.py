@@ -1,4 +1,7 @@
-"""The page: the browser draws the splats; once the camera rests, the machine's picture is shown."""
+"""The page: the browser draws the splats; once the camera rests, the machine's picture is shown.
+
+The browser's picture also stands in for the machine's as long as another model is packed.
+"""
 
 import threading
 from collections.abc import Callable
@@ -16,24 +19,29 @@ from splatcore.app.view.camera import (
     framed,
     level_up,
     pose_of,
+    shape_of,
 )
+from splatcore.app.view.drawn import Drawn
 from splatcore.app.view.studio import Request, Shown
 from splatcore.app.view.worker import Failed, Progress, Worker
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.sim.machine.path import target
 from splatcore.spec.camera import SIZE_MAX, Camera
-from splatcore.spec.colour import SH_C0
 from splatcore.spec.config import PRESETS, Config
-from splatcore.spec.convention import ALPHA_MIN
-from splatcore.spec.scene import Gaussians
+from splatcore.spec.convention import SPLATCORE
 
-REST = 0.25  # seconds without a movement after which the camera rests
+REST = 0.08
+"""Seconds without a movement after which the camera rests; the browser reports one every 20 ms."""
+
 SIDES = (360, 720, 1080)  # heights of pictures to choose from
 CHOSEN = "smallest that is good enough"
 KEPT = "camera.json"  # file name of a saved camera
 BEGIN = "initial view"
 MOVED = "the camera moves"
+
+BACKGROUND = np.full((2, 2, 3), np.rint(np.multiply(SPLATCORE.background, 255)), np.uint8)
+"""Picture [2, 2, 3] behind the splats that the browser draws: the renderer's background."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,7 @@ class Setting:
 
     cameras: cameras to choose from
     up: [3], up direction of the scene
+    drawn: Gaussians that the browser draws
     mark: reason why the scene is antialiased or not
     notes: lines on unusual contents
     """
@@ -51,7 +60,8 @@ class Setting:
     up: np.ndarray
     config: Config
     quality: str | None
-    gaussians: Gaussians
+    drawn: Drawn
+    antialiased: bool = False
     mark: str = ""
     notes: tuple[str, ...] = ()
 
@@ -83,8 +93,11 @@ class Page:
         self.pose: Pose | None = None  # of the last movement
         self.asked: Camera | None = None  # of the picture shown or requested
         self._moved, self._closed = threading.Event(), False
-        self._splats = client.scene.add_gaussian_splats("/splats", **splats(setting.gaussians))
+        self._machine: tuple[str, str] | None = None  # preset and quality of the last request
+        self._shown: np.ndarray | None = None  # the picture; None: the browser draws
+        self._splats = client.scene.add_gaussian_splats("/splats", **setting.drawn.arrays)
         self._controls()
+        self._browse()
         self.go(setting.camera)
         client.camera.on_update(lambda _: self.moved())
         threading.Thread(target=self._watch, daemon=True).start()
@@ -100,7 +113,7 @@ class Page:
         with self.client.atomic():
             handle.up_direction = level_up(camera, self.setting.up)
             handle.position = pose.position
-            handle.look_at = target(camera, self.setting.gaussians.position)
+            handle.look_at = target(camera, self.setting.drawn.position)
             handle.fov = pose.fov
         self._turn(pose)
 
@@ -122,8 +135,7 @@ class Page:
         if self.asked is not None:
             self.asked = None
             self.worker.cancel()
-            self._splats.visible = True
-            self.client.scene.set_background_image(None)
+            self._browse()
             self._progress(Progress(MOVED, 0.0))
         self._moved.set()
 
@@ -143,6 +155,9 @@ class Page:
             worker.ask(request, lambda answer: self._simulated(request, answer))
             return
         self.asked = camera
+        if (machine := (self.preset.value, self.quality.value)) != self._machine:
+            self._machine = machine
+            self._browse()
         self.worker.ask(request, lambda answer: self._answered(request, answer))
 
     def keep(self):
@@ -187,12 +202,23 @@ class Page:
                 self._show(answer.pixels)
 
     def _show(self, pixels: np.ndarray):
-        self.client.scene.set_background_image(framed(pixels, self._page), format="png")
-        self._splats.visible = False
+        """Show a picture, unless it is shown already: encoding takes a tenth of a second."""
+        if self._shown is None or not np.array_equal(pixels, self._shown):
+            self._shown = pixels
+            whole = framed(pixels, shape_of(self.asked), self._page)
+            self.client.scene.set_background_image(whole, format="png")
+            self._splats.visible = False
+
+    def _browse(self):
+        """Show the browser's picture, on the renderer's background."""
+        self._shown, self._splats.visible = None, True
+        self.client.scene.set_background_image(BACKGROUND, format="png")
 
     def _progress(self, answer: Progress | Failed):
         share = answer.share if isinstance(answer, Progress) else 0.0
-        self.status.content = answer.text if isinstance(answer, Progress) else answer.why
+        line = answer.text if isinstance(answer, Progress) else answer.why
+        drawn = "" if self._shown is not None else text.drawn_text(self.setting.drawn)
+        self.status.content = f"{line}\n\n{drawn}".strip()
         self.bar.animated = share is None
         self.bar.value = 100 if share is None else 100 * share
 
@@ -209,7 +235,7 @@ class Page:
     def _controls(self):
         """Create the controls and connect them."""
         gui, setting = self.client.gui, self.setting
-        if setting.gaussians.antialiased:
+        if setting.antialiased:
             gui.add_markdown(text.UNCOMPENSATED.format(setting.mark))
         if setting.notes:
             gui.add_markdown(text.noted(setting.notes))
@@ -241,20 +267,3 @@ class Page:
 def alike(one: Camera, other: Camera) -> bool:
     """Return whether two cameras give equal pictures."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in vars(one))
-
-
-def splats(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """Return the arrays that the browser draws: visible Gaussians, with colours of degree 0."""
-    with np.errstate(invalid="ignore"):
-        seen = gaussians.opacity >= ALPHA_MIN
-    seen &= np.isfinite(gaussians.position).all(1) & np.isfinite(gaussians.factor).all((1, 2))
-    factor = gaussians.factor[seen]
-    limit = np.finfo(np.float16).max  # covariances are sent as float16
-    covariance = np.clip(factor @ factor.swapaxes(1, 2), -limit, limit)
-    colour = np.clip(gaussians.sh[seen][:, 0] * SH_C0 + 0.5, 0, 1)
-    return {
-        "centers": gaussians.position[seen].astype(np.float32),
-        "covariances": covariance.astype(np.float32),
-        "rgbs": colour.astype(np.float32),
-        "opacities": gaussians.opacity[seen][:, None].astype(np.float32),
-    }

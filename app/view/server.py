@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from splatcore.app.view.camera import level_up, pose_of
 from splatcore.app.view.page import Page, Setting
 from splatcore.app.view.worker import Worker
-from splatcore.sim.frame.source import Source
+from splatcore.sim.frame.reading import Reading
 from splatcore.sim.machine.path import target
 from splatcore.spec.error import InputError
 
@@ -26,19 +26,20 @@ def check_viser(host: str, port: int):
 
 @contextmanager
 def served(
-    source: Source, setting: Setting, host: str, port: int
+    scene: str, reading: Reading, setting: Setting, host: str, port: int
 ) -> Iterator[tuple[str, dict[int, Page]]]:
     """Serve pages of a scene; yield the address, and the open pages by viser's client ID.
 
     All pages share one worker, which serves the newest request only, and one for RTL simulation.
+    scene, reading: arguments of `open_source`
     """
     import viser
 
-    worker, others, pages = Worker(source.name, source.reading), [], {}
+    worker, others, pages = Worker(scene, reading), [], {}
 
     def simulator() -> Worker:
         if not others:
-            others.append(Worker(source.name, source.reading))
+            others.append(Worker(scene, reading))
         return others[0]
 
     try:
@@ -75,6 +76,6 @@ def begin(server, setting: Setting):
     server.scene.set_up_direction(tuple(setting.up))
     camera, first = setting.camera, server.initial_camera
     first.position = camera.position
-    first.look_at = target(camera, setting.gaussians.position)
+    first.look_at = target(camera, setting.drawn.position)
     first.up = level_up(camera, setting.up)
     first.fov = pose_of(camera, (camera.width, camera.height)).fov

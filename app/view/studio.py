@@ -50,43 +50,54 @@ class Shown:
     done: bool = False
 
 
+KEPT_CAMERAS = 16
+"""Cameras whose pictures are kept: 19 MB each at 1920×1080."""
+
+CHOOSING = "choosing a quality"
+
+
 class Studio:
-    """A source and the frames of the last camera, by machine and quality."""
+    """A source, the pictures and numbers of the last cameras, and the frames of the last one.
+
+    packing: True while a scene is packed, which the next cameras need, too
+    """
 
     def __init__(self, source: Source):
-        self.source = source
-        self._shots: dict[tuple, Shot] = {}
+        self.source, self.packing = source, False
+        self._views: dict[tuple, dict] = {}  # kept values by camera, the last one at the end
+        self._frames: dict[object, pipeline.Frame] = {}  # large, so only of the last camera
         self._chosen: dict[tuple, str] = {}
-        self._kept: dict[object, object] = {}
-        self._camera: tuple = ()
         self._report: Report = lambda text, share: None
+        self._doing = ""  # begins each text of a report
 
     def steps(self, request: Request, report: Report) -> Iterator[Shown]:
-        """Yield answers to a request as they get more complete: the picture, its error against the
-        model, its error against the scene. Raises InputError for a view that the machine cannot
-        render."""
+        """Yield answers to a request as they get more complete: the picture, its cycles, its error
+        against the model, its error against the scene. Raises InputError for a view that the
+        machine cannot render."""
         self._report = report
         shot = self._shot(request)
         config = shot.config
         if request.layer == layers.RTL:
             yield self._simulated(shot)
             return
-        frame = self._once(shot, "golden", lambda: engines.golden(shot))
         quality = shot.packed and shot.packed.quality
         facts = {"preset": config.name, "quality": quality, "size": shot.size}
-        facts |= {"cycles": self._cycles(shot, frame), "layer": request.layer}
-        pictures = {layers.MACHINE: frame.pixels}
-        for layer, make in MAPS.items():
-            if request.layer == layer:
-                pictures[layer], facts["scale"] = make(config, frame)
+        facts |= {"layer": request.layer}
+        machine = self._once(shot, "pixels", lambda: self._frame(shot).pixels)
+        pictures = {layers.MACHINE: machine}
+        yield Shown(pictures.get(request.layer), facts)
+        report("counting cycles", None)
+        facts |= {"cycles": self._cycles(shot)}
+        if make := MAPS.get(request.layer):
+            pictures[request.layer], facts["scale"] = make(config, self._frame(shot))
         yield Shown(pictures.get(request.layer), facts)
         for name, (layer, error) in TRUTHS.items():
             drawn = shot.reference if name == "machine" else self._truth(shot)
             if drawn is None:
                 continue
-            found = self._once(shot, name, lambda: difference(frame.pixels, drawn))  # noqa: B023
+            found = self._once(shot, name, lambda: difference(machine, drawn))  # noqa: B023
             facts = facts | against({name: found})
-            pictures |= {layer: drawn, error: error_picture(frame.pixels, drawn)}
+            pictures |= {layer: drawn, error: error_picture(machine, drawn)}
             yield Shown(pictures.get(request.layer), facts)
         if self.source.scene is None:  # the model stands for the scene
             for other, layer in zip(TRUTHS["scene"], TRUTHS["machine"], strict=True):
@@ -94,43 +105,63 @@ class Studio:
         yield Shown(pictures.get(request.layer), facts, done=True)
 
     def _shot(self, request: Request) -> Shot:
-        """Return the request's frame, packed; forget those of another camera."""
+        """Return the request's frame, packed; forget the frames of another camera."""
         camera = request.camera
-        key = tuple(np.asarray(value).tobytes() for value in list(vars(camera).values())[:-1])
-        if key != self._camera:
-            self._camera = key
-            self._shots.clear(), self._kept.clear()
+        key = tuple(
+            np.asarray(value).tobytes() for value in vars(replace(camera, name="")).values()
+        )
+        if key not in list(self._views)[-1:]:
+            self._frames.clear()
+        self._kept = self._views[key] = self._views.pop(key, {})
+        for old in list(self._views)[:-KEPT_CAMERAS]:
+            del self._views[old]
         key = request.config, request.quality
-        if key not in self._shots:
+        if key not in self._kept:
             shot = Shot(self.source, camera, *key, bar=self._bar)
             shot.check_fits()
-            self._shots[key] = replace(shot, quality=self._quality(shot))
-        return self._shots[key]
+            self._kept[key] = replace(shot, quality=self._quality(shot))
+        return self._kept[key]
 
     def _quality(self, shot: Shot) -> str | None:
-        """Return the quality to pack a scene in: chosen once per machine, in the first view."""
+        """Return the quality of a scene, packed: chosen once per machine, in the first view."""
         key = packing_key(shot.config)
-        if shot.source.scene is None or shot.quality:
+        if shot.source.scene is None:
             return shot.quality
-        if key not in self._chosen:
-            self._chosen[key] = shot.packed.quality
-        return self._chosen[key]
+        quality = shot.quality or self._chosen.get(key)
+        if quality is None:
+            self._report(CHOOSING, None)
+            self._doing = f"{CHOOSING}: "
+        self.packing = True
+        try:
+            found = replace(shot, quality=quality).packed.quality
+            if quality is None:
+                self._chosen[key] = found
+        finally:
+            self.packing, self._doing = False, ""
+        return found
 
     @contextmanager
     def _bar(self, label: str) -> Iterator[Callable]:
         """Report the progress of a step to the current request."""
 
         def advance(done: int, total: int | None, text: str = label):
-            self._report(text, done / total if total else None)
+            self._report(self._doing + text, done / total if total else None)
 
         yield advance
 
     def _once(self, shot: Shot, name: str, make: Callable):
-        """Return the kept value of a frame; make it if there is none."""
+        """Return the kept value of a camera; make it if there is none."""
         key = name, shot.config, shot.quality
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]
+
+    def _frame(self, shot: Shot) -> pipeline.Frame:
+        """Return the golden model's frame of the last camera."""
+        key = shot.config, shot.quality
+        if key not in self._frames:
+            self._frames[key] = engines.golden(shot)
+        return self._frames[key]
 
     def _truth(self, shot: Shot) -> np.ndarray | None:
         """Return the reference's picture of the scene, the same for all machines."""
@@ -138,11 +169,11 @@ class Studio:
             self._kept["scene"] = shot.truth
         return self._kept["scene"]
 
-    def _cycles(self, shot: Shot, frame: pipeline.Frame) -> dict:
+    def _cycles(self, shot: Shot) -> dict:
         """Return cycles by stage, frames per second, and the limiting half and stage."""
         from splatcore.sim.cycles.frame import frame_cycles
 
-        found = self._once(shot, "cycles", lambda: frame_cycles(shot.config, frame))
+        found = self._once(shot, "cycles", lambda: frame_cycles(shot.config, self._frame(shot)))
         half, stage = found.binding
         fps = round(CLOCK_HZ / found.frame, 1)
         return found.by_name | {"fps": fps, "half": half, "stage": stage}
@@ -154,7 +185,7 @@ class Studio:
         from splatcore.sim.machine.script import LPDDR4
 
         config, report = shot.config, self._report
-        frame = self._once(shot, "golden", lambda: engines.golden(shot))
+        frame = self._frame(shot)
         report(f"building the machine {config.name}, which takes minutes the first time", None)
         machine = Machine(config)
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 
+from splatcore.app.view.drawn import Drawn
 from splatcore.sim.frame.metric import decibels
 from splatcore.spec.stages import HALVES
 
@@ -16,13 +17,24 @@ def noted(notes: Iterable[str]) -> str:
     return "\n".join(f"- {line}" for line in lines)
 
 
+def drawn_text(drawn: Drawn) -> str:
+    """Return a line on the browser's picture: how many Gaussians it shows."""
+    count, rest = f"{drawn.total:,}", ""
+    if len(drawn) < drawn.total:
+        count, rest = f"{len(drawn):,} of {count}", " (the largest and most opaque)"
+    return f"*Browser's picture: base colours of {count} Gaussians{rest}*"
+
+
 def facts_text(facts: dict) -> str:
     """Return the numbers of a view, as far as they are known."""
-    if "cycles" not in facts:
+    if "size" not in facts:
         return ""
-    cycles, (width, height) = facts["cycles"], facts["size"]
+    width, height = facts["size"]
     packed = f", {facts['quality']}" if facts["quality"] else ""
     lines = [f"**{facts['layer']}**, {facts['preset']}{packed}, {width}×{height}"]
+    if "cycles" not in facts:
+        return lines[0]
+    cycles = facts["cycles"]
     lines += [facts["scale"]] if "scale" in facts else []
     rows = {"cycles": f"{cycles['frame']:,}", "frames per second": f"{cycles['fps']:,.1f}"}
     for name, against in (("machine", "the model"), ("scene", "the scene")):

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -243,7 +244,8 @@ def test_the_viewer_s_process_has_the_override(place, monkeypatch):
     def end():
         raise EOFError
 
-    worker.work("mip.ply", Reading(False), SimpleNamespace(recv=end), None)
+    ready = threading.Event()
+    worker.work("mip.ply", Reading(False), SimpleNamespace(recv=end), None, None, ready)
     assert studios[0].stated["antialiased_by"] == "--no-antialiased"
 
 

@@ -11,6 +11,7 @@ from splatcore.app.view.camera import (
     framed,
     level_up,
     pose_of,
+    shape_of,
     up_of,
     within,
 )
@@ -41,10 +42,10 @@ def test_there_and_back(page):
 
 
 def test_the_page_s_upper_edge():
-    """A point at the page's upper edge projects to the picture's upper edge, or above it if the
-    page is higher than the picture."""
+    """A point at the page's upper edge projects to the picture's upper edge, above it if the page
+    is much higher than the picture, or below it if the picture fills a page of another shape."""
     camera = look_at((0.0, 0, 0), (0.0, 0, 1), 640, 360, 400.0)
-    for page, row in ((640, 360), 0), ((1280, 720), 0), ((900, 360), 0), ((640, 720), -180):
+    for page, row in ((640, 360), 0), ((1280, 720), 0), ((800, 360), 36), ((640, 720), -180):
         pose = pose_of(camera, page)
         up = pose.rotation @ (0, -np.tan(pose.fov / 2), 1) + pose.position
         x, y, z = camera.rotation @ up + camera.translation
@@ -89,11 +90,34 @@ BORDERS = [((64, 48), 0, 0), ((64, 96), 24, 0), ((256, 48), 0, 96), ((128, 96), 
 def test_borders(page, top, left):
     """`framed` centres a picture on a page of another shape, between borders."""
     pixels = np.random.default_rng(0).integers(100, 256, (48, 64, 3), np.uint8)
-    whole = framed(pixels, page)
+    whole = framed(pixels, (64, 48), page)
     height, width = whole.shape[:2]
     assert width * page[1] == height * page[0]
     np.testing.assert_array_equal(whole[top : top + 48, left : left + 64], pixels)
     assert (whole == BORDER).sum() == whole.size - pixels.size
+
+
+FILLED = [((48, 48), 48, 48), ((64, 40), 40, 64), ((88, 48), 35, 64), ((500, 500), 48, 48)]
+
+
+@pytest.mark.parametrize(("page", "high", "wide"), FILLED)
+def test_filled(page, high, wide):
+    """A picture fills a page of a similar shape: its middle is shown, without borders."""
+    pixels = np.random.default_rng(0).integers(100, 256, (48, 64, 3), np.uint8)
+    whole, (top, left) = framed(pixels, (64, 48), page), ((48 - high) // 2, (64 - wide) // 2)
+    np.testing.assert_array_equal(whole, pixels[top : top + high, left : left + wide])
+
+
+def test_pixels_that_are_not_square():
+    """A picture of half as many columns has the same shape on the page, and the same view."""
+    camera, pixels = some(3), np.zeros((48, 32, 3), np.uint8)
+    narrow = camera.resized(320, 360)
+    assert shape_of(narrow) == pytest.approx(shape_of(camera))
+    for page in PAGES:
+        assert pose_of(narrow, page).fov == pytest.approx(pose_of(camera, page).fov)
+    assert framed(pixels, (64, 48), (640, 480)).shape == (48, 32, 3)
+    assert framed(pixels, (64, 48), (480, 480)).shape == (48, 24, 3)
+    assert framed(pixels, (64, 48), (64, 96)).shape == (96, 32, 3)
 
 
 def test_within():

@@ -8,14 +8,13 @@ import pytest
 
 from splatcore.app.cli.view import setting_of
 from splatcore.app.view import layers, page
-from splatcore.app.view.page import CHOSEN, KEPT, MOVED, Page
+from splatcore.app.view.page import BACKGROUND, CHOSEN, KEPT, MOVED, Page
 from splatcore.app.view.studio import Shown
 from splatcore.app.view.worker import Failed, Progress, Worker
 from splatcore.model.formats.ply import write_ply
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.sim.frame.picture import read_png
 from splatcore.sim.frame.source import open_source
-from splatcore.spec.colour import SH_C0
 from splatcore.spec.config import TINY
 from tb.helpers.browser import until
 from tb.helpers.command import run
@@ -62,6 +61,14 @@ def opened(setting):
     shown.close()
 
 
+def browsing(client) -> bool:
+    """Whether the page shows the browser's picture, on the renderer's background."""
+    drawn = np.array_equal(client.background, BACKGROUND)
+    assert client.splats.visible == drawn
+    assert ("*Browser's picture: base colours of " in client.widgets["text 0"].content) == drawn
+    return drawn
+
+
 def pixels(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).integers(100, 256, (44, 60, 3), np.uint8)
 
@@ -75,37 +82,67 @@ def test_the_first_view_is_the_camera_s(opened, setting):
         np.testing.assert_allclose(getattr(found, name), wanted, rtol=1e-9, atol=1e-9)
 
 
-def test_rest_and_movement(opened):
+def test_rest_and_movement(opened, monkeypatch):
     """The page shows a picture only when the camera rests, and ignores pictures of old requests."""
     _, client, desk, _ = opened
-    assert client.splats.visible and client.background is None
-    desk.receive(Progress("at work", 0.5))
-    assert client.widgets["bar"].value == 50 and client.widgets["text 0"].content == "at work"
+    monkeypatch.setattr(page, "REST", 0.4)  # a busy machine takes longer for five steps
+    desk.receive(Progress("choosing a quality", 0.5))
+    assert client.widgets["bar"].value == 50 and browsing(client)
+    assert client.widgets["text 0"].content.startswith("choosing a quality\n\n")
+    assert not client.background.any()
     desk.receive(Shown(pixels(0)))
-    assert not client.splats.visible
-    np.testing.assert_array_equal(client.background[3:47], pixels(0))
-    assert client.background.shape == (50, 60, 3)
+    desk.receive(Progress("counting cycles", None))
+    assert not browsing(client)
+    np.testing.assert_array_equal(client.background, pixels(0)[:, 10:50])  # fills the page
     late, begin = desk.receive, time.monotonic()
     for _ in range(5):
         client.camera.step(STEP)
-        assert client.splats.visible and client.background is None
-        assert client.widgets["text 0"].content == MOVED and desk.cancelled == 1
+        assert browsing(client) and desk.cancelled == 1
+        assert client.widgets["text 0"].content.startswith(MOVED)
         time.sleep(page.REST / 5)
     late(Shown(pixels(0)))
-    assert client.background is None and len(desk.requests) == 1
+    assert browsing(client) and len(desk.requests) == 1
     until(lambda: len(desk.requests) == 2)
     assert time.monotonic() - begin > page.REST * 9 / 5
     first, second = (request.camera for request in desk.requests)
     np.testing.assert_allclose(second.position - first.position, 5 * STEP, atol=1e-9)
     desk.receive(Shown(pixels(1)))
-    np.testing.assert_array_equal(client.background[3:47], pixels(1))
+    np.testing.assert_array_equal(client.background, pixels(1)[:, 10:50])
+
+
+def test_a_picture_is_sent_once(opened):
+    """Later answers with the same picture add numbers; a second copy would delay them."""
+    _, client, desk, _ = opened
+    for _ in range(2):
+        desk.receive(Shown(pixels(0)))
+        shown = client.background
+        desk.receive(Shown(pixels(0)))
+        assert client.background is shown
+        client.camera.step(STEP)
+        until(lambda: desk.requests[-1].camera is not None and client.splats.visible)
+        until(lambda: len(desk.requests) == 2)
+
+
+def test_another_model(opened):
+    """While another quality is packed, the page shows the browser's picture again."""
+    _, client, desk, _ = opened
+    for label, value, browses in (
+        ("Show", layers.TILES, False),
+        ("Size", "982x720", False),
+        ("Quality", "compact", True),
+        ("Preset", "DEFAULT", True),
+    ):
+        desk.receive(Shown(pixels(0)))
+        client.widgets[label].change(value)
+        desk.receive(Progress("packing", None))
+        assert browsing(client) == browses, label
 
 
 def test_a_camera_that_stays_is_no_movement(opened):
     _, client, desk, _ = opened
     desk.receive(Shown(pixels(0)))
     client.camera.report()
-    assert client.background is not None and not desk.cancelled
+    assert not client.splats.visible and not desk.cancelled
 
 
 def test_another_size_of_the_page(opened):
@@ -140,7 +177,7 @@ def test_another_camera(opened, setting):
     until(lambda: len(desk.requests) == 2)
     desk.receive(Shown(pixels(0)))
     client.widgets["Camera"].change(client.widgets["Camera"].options[0])
-    assert client.background is None and client.splats.visible
+    assert browsing(client)
     until(lambda: len(desk.requests) == 3)
     one, other = desk.requests[0].camera, desk.requests[2].camera
     assert page.alike(replace(one, name=""), replace(other, name=""))
@@ -149,7 +186,7 @@ def test_another_camera(opened, setting):
 def test_failure(opened):
     _, client, desk, _ = opened
     desk.receive(Failed("it cannot be"))
-    assert client.widgets["text 0"].content == "it cannot be" and client.background is None
+    assert client.widgets["text 0"].content.startswith("it cannot be") and browsing(client)
 
 
 def test_simulation_goes_on_while_the_camera_moves(opened):
@@ -166,7 +203,7 @@ def test_simulation_goes_on_while_the_camera_moves(opened):
             until(lambda: len(desk.requests) == 2)
         other.receive(Shown(pixels(2), {"rtl": "identical", "rtl_cycles": 1234}, done=True))
         assert "identical" in line.content and "1,234" in line.content
-        assert (client.background is None) == step
+        assert client.splats.visible == step
     assert not other.cancelled
 
 
@@ -176,29 +213,14 @@ def test_a_page_that_is_closed(opened):
     desk.receive(Shown(pixels(0)))
     client.camera.step(STEP)
     time.sleep(2 * page.REST)
-    assert client.background is None and len(desk.requests) == 1
-
-
-def test_splats(setting):
-    """The browser gets the scene's centres, covariances and colours, without broken Gaussians."""
-    scene = generate("garden", 400)
-    drawn = page.splats(scene.gaussians())
-    assert len(drawn["centers"]) == len(scene)
-    factor = scene.gaussians().factor[5]
-    np.testing.assert_allclose(drawn["covariances"][5], factor @ factor.T, rtol=1e-5, atol=1e-9)
-    colour = np.clip(scene.sh[:, 0] * SH_C0 + 0.5, 0, 1)
-    np.testing.assert_allclose(drawn["rgbs"], colour, rtol=1e-6)
-    broken = scene.gaussians()
-    broken.position[3], broken.opacity[7] = np.nan, 0.001
-    assert len(page.splats(broken)["opacities"]) == len(scene) - 2
+    assert client.splats.visible and len(desk.requests) == 1
 
 
 def test_a_marked_scene(setting):
     """For a marked scene the page notes that the browser draws without opacity compensation."""
     for antialiased in (True, False):
-        gaussians = replace(setting.gaussians, antialiased=antialiased)
         client = PageClient(120, 100)
-        marked = replace(setting, gaussians=gaussians, mark="SPZ flag")
+        marked = replace(setting, antialiased=antialiased, mark="SPZ flag")
         Page(client, marked, Desk(), Desk).close()
         texts = [widget.content for widget in client.widgets.values() if hasattr(widget, "content")]
         line = "Antialiased (SPZ flag): the browser's own picture is drawn without opacity "
@@ -209,7 +231,7 @@ def test_a_marked_scene(setting):
 def test_with_a_worker(setting, file, tmp_path, monkeypatch):
     """The newest request wins; a saved camera gives the same picture by `render`."""
     monkeypatch.chdir(tmp_path)
-    client, worker = PageClient(60, 44), Worker(file)
+    client, worker = PageClient(78, 44), Worker(file)  # the shape of 60×44 pixels here
     shown = Page(client, setting, worker, lambda: worker)
     try:
         for _ in range(4):  # each while the previous request is running
