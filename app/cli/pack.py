@@ -78,6 +78,7 @@ def pack_command(
         source = open_source(scene, view.reading)
         original = source.unpacked
         views = open_cameras(view.camera, view.cameras, view.size, source)
+    source.check_need("packing", original)
     from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
     from splatcore.sim.frame.choose import Views, choose, smallest
 

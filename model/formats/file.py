@@ -12,6 +12,7 @@ import numpy as np
 
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
+from splatcore.spec.need import check_need
 from splatcore.spec.scene import Scene, sh_count
 
 GZIP_MAGIC = b"\x1f\x8b\x08"
@@ -60,10 +61,14 @@ def read_bytes(path: str | os.PathLike, count: int = -1) -> bytes:
         return file.read(count)
 
 
-def check_count(count: int, where: object) -> None:
-    """Raise InputError for a scene without Gaussians."""
+def check_count(count: int, where: object, degree: int = 0) -> None:
+    """Raise InputError for a scene without Gaussians, and for one that does not fit in memory.
+
+    degree: of its harmonics, if that is known yet
+    """
     if count < 1:
         raise input_error(where, f"holds {count} Gaussians")
+    check_need("reading", count, degree, str(where))
 
 
 def check_expansion(size: int, stored: int, where: object) -> None:

@@ -24,6 +24,7 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
+from splatcore.spec.need import check_need
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
@@ -81,15 +82,28 @@ class Source:
             raise InputError(f"{self.name}: is a packed model already, not a scene")
         return self.scene
 
+    @property
+    def content(self) -> Scene | PackedModel:
+        """The scene or model."""
+        return self.model if self.scene is None else self.scene
+
+    def check_need(self, work: str, content: Scene | PackedModel):
+        """Raise InputError if the memory for some work on a scene or model is not available.
+
+        work: a key of `spec.need.NEEDS`
+        """
+        degree = content.sh_degree if isinstance(content, Scene) else content.format.sh_degree
+        check_need(work, len(content), degree, self.name)
+
     @cached_property
     def gaussians(self) -> Gaussians:
         """The Gaussians that a renderer draws."""
-        return (self.model if self.scene is None else self.scene).gaussians()
+        return self.content.gaussians()
 
     @property
     def position(self) -> np.ndarray:
         """Centres of the Gaussians, [N, 3]."""
-        return (self.model if self.scene is None else self.scene).position
+        return self.content.position
 
     @property
     def stated(self) -> dict[str, bool | str | list[str] | float]:
