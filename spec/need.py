@@ -24,6 +24,7 @@ class Need(NamedTuple):
     gaussian: bytes per Gaussian without harmonics
     coefficient: bytes per Gaussian and coefficient of its harmonics, of (degree + 1)²
     scene: whether that includes the opened scene
+    label: the work, `{}` stands for the Gaussians
     less: what needs less
     """
 
@@ -31,6 +32,7 @@ class Need(NamedTuple):
     gaussian: float
     coefficient: float
     scene: bool
+    label: str
     less: str
 
     def bytes(self, count: int, degree: int) -> float:
@@ -38,14 +40,22 @@ class Need(NamedTuple):
         return self.base + count * (self.gaussian + self.coefficient * (degree + 1) ** 2)
 
 
-MODEL = "`splatcore cycles` and `render --engine golden` of a packed model need less"
+FEWER = "fewer Gaussians"
 
 NEEDS = {
-    "reading": Need(60e6, 250, 40, True, "a scene of fewer Gaussians, or a coarser --lod"),
-    "packing": Need(250e6, 800, 100, True, "fewer Gaussians, or `splatcore pack --sh-degree 1`"),
-    "reference": Need(250e6, 500, 50, True, "fewer Gaussians, or a packed model"),
-    "golden": Need(250e6, 500, 0, False, "fewer Gaussians"),
-}
+    "reading": Need(60e6, 250, 40, True, "reading {}", f"{FEWER}, or a coarser --lod, need less"),
+    "packing": Need(
+        250e6, 800, 100, True, "packing {}", f"{FEWER}, or splatcore pack --sh-degree 1, need less"
+    ),
+    "reference": Need(
+        250e6, 500, 50, True, "rendering {} by the reference",
+        f"{FEWER} need less, and a packed model with --engine golden --no-compare",
+    ),
+    "golden": Need(
+        250e6, 500, 0, False, "rendering {} by the golden model",
+        f"{FEWER} need less, and a model from splatcore pack instead of a scene",
+    ),
+}  # fmt: skip
 """By kind of work."""
 
 
@@ -61,10 +71,10 @@ def check_need(work: str, count: int, degree: int, name: str):
     if need.scene:  # a scene that is open already is part of the need
         room += min(anonymous() or 0, NEEDS["reading"].bytes(count, degree))
     if (wanted := need.bytes(count, degree)) > room:
+        label = need.label.format(f"{count:,} Gaussians of SH degree {degree}")
         raise InputError(
-            f"{name}: {work} {count:,} Gaussians of SH degree {degree} needs "
-            f"{wanted / GIGA:.1f} GB of memory, {room / GIGA:.1f} GB are available; "
-            f"{need.less}"
+            f"{name}: {label} needs {wanted / GIGA:.1f} GB of memory, but {room / GIGA:.1f} GB are "
+            f"available; {need.less}"
         )
 
 

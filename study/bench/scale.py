@@ -46,6 +46,8 @@ WORK = {
 
 WARM = 1000  # Gaussians of a first scene that is not measured: it compiles and caches kernels
 
+FIXED = 200_000  # Gaussians of a scene that takes as long as a command without any
+
 SHOWN = "gaussians sh_degree run cost.cpu_seconds cost.wall_seconds cost.peak_bytes"
 OTHER = "against.cpu_seconds against.wall_seconds against.peak_bytes cpu_ratio peak_ratio"
 """Keys of columns, and those with --against."""
@@ -81,20 +83,20 @@ def measured(
 ) -> Iterator[ScaleRow]:  # fmt: skip
     """Generate each scene in a temporary folder and yield a row for each command."""
     scenes = [(WARM, degrees[0]), *((count, degree) for degree in degrees for count in counts)]
-    before, total = 0, sum(count for count, _ in scenes)
+    before, total = 0, sum(count + FIXED for count, _ in scenes)
     with progress_bar("scale", 100) as advance:
         for number, (count, degree) in enumerate(scenes):
             about = f"{count:,} Gaussians, degree {degree}"
-            with TemporaryDirectory(dir=folder, prefix=".splatcore") as place:
+            with TemporaryDirectory(dir=folder.absolute(), prefix=".splatcore") as place:
                 names = iter(("scene", *COMMANDS, ""))
                 advance(_percent(before, total), 100, f"{about}: {next(names)}")
                 rows = of_scene(Path(place), count, degree, size, checkouts)
                 for turn, row in enumerate(rows, 1):
-                    done = before + count * turn / (1 + len(COMMANDS))
+                    done = before + (count + FIXED) * turn / (1 + len(COMMANDS))
                     advance(_percent(done, total), 100, f"{about}: {next(names)}")
                     if number:
                         yield row
-            before += count
+            before += count + FIXED
 
 
 def _percent(done: float, total: int) -> float:
@@ -204,6 +206,8 @@ def write_plot(path: Path, rows: list[dict]):
                 draw(grid[line][column], mine, key, per)
         for axes, label in zip(grid[:, 0], ("CPU seconds", "peak memory, GB"), strict=True):
             axes.set_ylabel(label)
+        if any("against" in row for row in rows):
+            figure.suptitle("this checkout: solid, filled; the other: dashed, hollow")
         handles, labels = grid[0][0].get_legend_handles_labels()
         if handles:
             figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
@@ -213,19 +217,21 @@ def write_plot(path: Path, rows: list[dict]):
 def draw(axes, rows: list[dict], key: str, per: float):
     """Draw a cost of each command over the number of Gaussians, on logarithmic axes."""
     for number, command in enumerate(("scene", *COMMANDS)):
-        mine = [row for row in rows if row["run"] == command]
-        for which, dash in (("cost", "-"), ("against", "--")):
+        for which, dash, fill in (("cost", "-", None), ("against", "--", "none")):
             points = [
                 (row["gaussians"] / 1e6, row[which][key] / per)
-                for row in mine
-                if which in row and not row[which]["why"] and row[which][key]
+                for row in rows
+                if row["run"] == command and which in row
+                if not row[which]["why"] and row[which][key]
             ]
-            axes.plot(
-                *np.array(points).reshape(-1, 2).T, dash, color=COLOURS[number],
-                marker=MARKERS[number], markerfacecolor=None if dash == "-" else "none",
-                label=command if dash == "-" else None,
-            )  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    plain_ticks(axes.xaxis, (1, 2, 4, 8))
-    plain_ticks(axes.yaxis, (1, 2, 5))
+            if points:
+                axes.plot(
+                    *zip(*points, strict=True), dash, color=COLOURS[number],
+                    marker=MARKERS[number], markerfacecolor=fill or COLOURS[number],
+                    label="_" * bool(fill) + command,
+                )  # fmt: skip
+    if axes.lines:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        plain_ticks(axes.xaxis, (1, 2, 4, 8))
+        plain_ticks(axes.yaxis, (1, 2, 5))
