@@ -23,7 +23,7 @@ class Frame(Protocol):
 
 def reference(shot: Shot) -> exact.Frame:
     """Render the source as it is, a scene or a model, by the float64 reference."""
-    shot.source.check_need("reference", shot.source.content)
+    shot.source.check_need("reference", shot.source.drawn)
     with shot.bar("rendering by the reference") as advance:
         return exact.render(shot.source.gaussians, shot.camera, shot.convention, advance)
 

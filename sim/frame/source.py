@@ -83,27 +83,27 @@ class Source:
         return self.scene
 
     @property
-    def content(self) -> Scene | PackedModel:
+    def drawn(self) -> Scene | PackedModel:
         """The scene or model."""
         return self.model if self.scene is None else self.scene
 
-    def check_need(self, work: str, content: Scene | PackedModel):
+    def check_need(self, work: str, drawn: Scene | PackedModel):
         """Raise InputError if the memory for some work on a scene or model is not available.
 
         work: a key of `spec.need.NEEDS`
         """
-        degree = content.sh_degree if isinstance(content, Scene) else content.format.sh_degree
-        check_need(work, len(content), degree, self.name)
+        degree = drawn.sh_degree if isinstance(drawn, Scene) else drawn.format.sh_degree
+        check_need(work, len(drawn), degree, self.name)
 
     @cached_property
     def gaussians(self) -> Gaussians:
         """The Gaussians that a renderer draws."""
-        return self.content.gaussians()
+        return self.drawn.gaussians()
 
     @property
     def position(self) -> np.ndarray:
         """Centres of the Gaussians, [N, 3]."""
-        return self.content.position
+        return self.drawn.position
 
     @property
     def stated(self) -> dict[str, bool | str | list[str] | float]:
