@@ -23,7 +23,7 @@ class Need(NamedTuple):
     base: bytes of an empty scene
     gaussian: bytes per Gaussian without harmonics
     coefficient: bytes per Gaussian and coefficient of its harmonics, of (degree + 1)²
-    scene: whether that includes the opened scene
+    scene: whether that includes a scene that was opened before
     label: the work, `{}` stands for the Gaussians
     less: what needs less
     """
@@ -43,20 +43,20 @@ class Need(NamedTuple):
 FEWER = "fewer Gaussians"
 
 NEEDS = {
-    "reading": Need(60e6, 250, 40, True, "reading {}", f"{FEWER}, or a coarser --lod, need less"),
+    "reading": Need(34e6, 130, 13, False, "reading {}", f"{FEWER}, or a coarser --lod, need less"),
     "packing": Need(
-        250e6, 800, 100, True, "packing {}", f"{FEWER}, or splatcore pack --sh-degree 1, need less"
+        500e6, 350, 20, True, "packing {}", f"{FEWER}, or splatcore pack --sh-degree 1, need less"
     ),
     "reference": Need(
-        250e6, 500, 50, True, "rendering {} by the reference",
+        300e6, 300, 15, True, "rendering {} by the reference",
         f"{FEWER} need less, and a packed model with --engine golden --no-compare",
     ),
     "golden": Need(
-        250e6, 500, 0, False, "rendering {} by the golden model",
+        300e6, 400, 0, False, "rendering {} by the golden model",
         f"{FEWER} need less, and a model from splatcore pack instead of a scene",
     ),
 }  # fmt: skip
-"""By kind of work."""
+"""By kind of work, rounded up."""
 
 
 def check_need(work: str, count: int, degree: int, name: str):
@@ -68,7 +68,7 @@ def check_need(work: str, count: int, degree: int, name: str):
     need, room = NEEDS[work], available()
     if room is None:
         return
-    if need.scene:  # a scene that is open already is part of the need
+    if need.scene:  # it has its memory already
         room += min(anonymous() or 0, NEEDS["reading"].bytes(count, degree))
     if (wanted := need.bytes(count, degree)) > room:
         label = need.label.format(f"{count:,} Gaussians of SH degree {degree}")

@@ -4,6 +4,7 @@ A command that fails, or is killed, is a result as any other.
 """
 
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -64,6 +65,7 @@ class Checkout:
             process = subprocess.Popen(
                 [*self.words, *command], cwd=folder, env=self.variables,
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=text,
+                start_new_session=True,  # Ctrl-C does not reach it twice
             )  # fmt: skip
             try:
                 usage, peak = _watched(process)
@@ -95,7 +97,7 @@ def _watched(process: subprocess.Popen):
 def _ended(process: subprocess.Popen):
     """End a process, by an interrupt if possible, so that it cleans up."""
     try:
-        process.send_signal(2)
+        process.send_signal(signal.SIGINT)
         process.wait(PATIENCE)
     except subprocess.TimeoutExpired:
         process.kill()

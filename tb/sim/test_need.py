@@ -6,6 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatcore.model.export.writers import find_writer
+from splatcore.model.formats.read import read_scene
+from splatcore.model.generate.generate import generate
 from splatcore.sim.common.pool import processes
 from splatcore.spec import need
 from splatcore.spec.error import InputError
@@ -38,7 +41,7 @@ def test_an_open_scene_is_part_of_the_need(little, monkeypatch):
     """Memory that the process has counts as available, up to what an opened scene takes."""
     opened = int(NEEDS["reading"].bytes(MEGA, 3))
     wanted = NEEDS["packing"].bytes(MEGA, 3)
-    monkeypatch.setattr(need, "anonymous", lambda: 10**15)
+    monkeypatch.setattr(need, "anonymous", lambda: 10**15)  # more than a scene takes
     little(wanted - opened + 1)
     check_need("packing", MEGA, 3, "a.ply")
     little(wanted - opened - 1)
@@ -49,6 +52,17 @@ def test_an_open_scene_is_part_of_the_need(little, monkeypatch):
 def test_a_system_that_does_not_say_refuses_nothing(little):
     little(None)
     check_need("packing", 10**12, 3, "a.ply")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".spz", ".sog"])
+def test_readers_name_what_they_read(tmp_path, little, suffix):
+    """The count, and for a PLY or SPZ file the degree, before the arrays are made."""
+    path = tmp_path / f"a{suffix}"
+    find_writer(path).write(path, generate("garden", 100))
+    little(0)
+    degree = 0 if suffix == ".sog" else 1
+    with pytest.raises(InputError, match=f"reading 100 Gaussians of SH degree {degree} needs"):
+        read_scene(path)
 
 
 def group(folder: Path, **files: object):
