@@ -123,7 +123,7 @@ def test_no_checkout(tmp_path):
 
 def test_a_killed_command_is_a_cost(tmp_path):
     """Its peak is of its children, too."""
-    text = "import os, signal, subprocess, sys\n"
+    text = "import os, signal, subprocess, sys\nprint('half done', file=sys.stderr, flush=True)\n"
     text += "grow = 'import time; held = b\"1\" * 50_000_000; time.sleep(0.5)'\n"
     text += "subprocess.run([sys.executable, '-c', grow])\nos.kill(os.getpid(), signal.SIGKILL)"
     found = checkout(tmp_path, "", text).measured([], tmp_path)
@@ -147,7 +147,7 @@ def rows(**bytes_of) -> list[ScaleRow]:
 
 def test_needs_are_fitted():
     """The larger of two commands counts; the work is that of `NEEDS`."""
-    made = rows(info=50, compact=90, balanced=100)
+    made = rows(info=50, balanced=100, compact=90)
     for row in made:
         row.run = {"compact": "pack compact", "balanced": "pack balanced"}.get(row.run, row.run)
     found = {need.work: need for need in scale.needs(made)}
