@@ -158,7 +158,7 @@ COMMANDS = {
     ),
     "bench scale": Entry(
         "bench_scale", MEASURE, "Measure time and memory of commands on scenes of many sizes.",
-        "-o scale --counts 2000,4000 --degrees 1 --size 640x360",
+        "-o scale --counts 20000,40000 --degrees 1",
     ),
     "bench compression": Entry(
         "bench_compression", COMPRESS, "Compress scenes; measure size, loss and machine work.",
