@@ -4,12 +4,14 @@ Compiled by numba, parallel over tiles. One thread computes a tile in a fixed or
 does not depend on the number of threads.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
 from splatcore.spec.convention import BLOCK, TILE, Convention, Faint
+from splatcore.spec.progress import report
 
 SLACK = 1e-9
 """Relative widening of a box or a reach before the exact comparison decides."""
@@ -139,10 +141,10 @@ def rasterize(
     takes_all = convention.faint is not None
     limits = Limits(convention.alpha_min, convention.alpha_max, *rule, takes_all)
     ellipses = Ellipses(*(getattr(splats, name) for name in Ellipses._fields))
+    progress = progress or partial(report, "tiles")
     for row in range(rows):
         _blend_tile_row(row, columns, lists, ellipses, limits, found)
-        if progress:
-            progress((row + 1) * columns, rows * columns)
+        progress((row + 1) * columns, rows * columns)
     return found
 
 

@@ -156,6 +156,10 @@ COMMANDS = {
         "bench", MEASURE, "Measure bytes per Gaussian against dB for each way to pack.",
         "garden -o quality --size 640x360",
     ),
+    "bench scale": Entry(
+        "bench_scale", MEASURE, "Measure time and memory of commands on scenes of many sizes.",
+        "-o scale --counts 20000,40000 --degrees 1",
+    ),
     "bench compression": Entry(
         "bench_compression", COMPRESS, "Compress scenes; measure size, loss and machine work.",
         "garden -o out --part steps --steps 40",

@@ -84,7 +84,8 @@ def measured(shot: Shot) -> dict:
     from splatcore.sim.frame.engines import golden
 
     frame = golden(shot)
-    found = frame_cycles(shot.config, frame)
+    with shot.bar("counting cycles"):
+        found = frame_cycles(shot.config, frame)
     facts = found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)}
     facts |= against(judge(frame, shot)) | {"counts": frame.counts}
     facts |= shot.source.stated

@@ -42,7 +42,7 @@ def export_command(
             writer.write(part, written)
             stored = read_scene(part)
             size = part.stat().st_size
-    found = losses(written, stored)
+        found = losses(written, stored)
     facts = {
         "scene": scene, "file": str(output), "format": writer.name, "gaussians": len(written),
         "sh_degree": written.sh_degree, "file_bytes": size,

@@ -31,8 +31,23 @@ def register(words: list[str] | None = None):
         command(name, help=entry.summary)(lambda: None)
 
 
+INTERRUPTED = 130  # exit status after Ctrl-C: 128 + SIGINT
+
+
 def main(arguments: list[str] | None = None):
-    """Run the command line; bad input prints one line on standard error and exits with status 2."""
+    """Run the command line; bad input prints one line on standard error and exits with status 2, an
+    interrupt one and exits with status 130."""
+    try:
+        status = run(arguments)
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    if status == INTERRUPTED:
+        messages.print("interrupted")
+    sys.exit(status)
+
+
+def run(arguments: list[str] | None) -> int:
+    """Run the command line and return its exit status; bad input exits with status 2."""
     words = sys.argv[1:] if arguments is None else arguments
     for name in (" ".join(words[:count]) for count in (1, 2)):
         if name in GONE:
@@ -47,7 +62,7 @@ def main(arguments: list[str] | None = None):
         refuse(usage(error))
     except MemoryError:
         refuse("out of memory; try a smaller --size")
-    sys.exit(status or 0)
+    return status or 0
 
 
 def refuse(text: str):

@@ -86,6 +86,7 @@ def pack_command(
         source = open_source(scene, view.reading)
         original = source.unpacked
         views = open_cameras(view.camera, view.cameras, view.size, source)
+    source.check_need("packing", original)
     from splatcore.sim.frame.budget import bytes_by_part, psnr_by_part
     from splatcore.sim.frame.choose import Views, choose, smallest
 
@@ -110,9 +111,10 @@ def pack_command(
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
     }  # fmt: skip
-    data = file_bytes(packed.model, plain)
+    with progress_bar(f"writing {output}"):
+        data = file_bytes(packed.model, plain)
+        write(output, data)
     size = {"file_bytes": len(data)}
-    write(output, data)
     describe.table({"model": str(output)} | size | facts).print()
     parts_table(parts, losses).print()
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:

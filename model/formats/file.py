@@ -14,6 +14,7 @@ import numpy as np
 
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
+from splatcore.spec.need import check_need
 from splatcore.spec.scene import ARRAYS, Scene, batches, sh_count
 
 GZIP_MAGIC = b"\x1f\x8b\x08"
@@ -69,10 +70,14 @@ def mapped(path: str | os.PathLike) -> mmap.mmap:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def check_count(count: int, where: object) -> None:
-    """Raise InputError for a scene without Gaussians."""
+def check_count(count: int, where: object, degree: int = 0) -> None:
+    """Raise InputError for a scene without Gaussians, and for one that does not fit in memory.
+
+    degree: of its harmonics, if that is known yet
+    """
     if count < 1:
         raise input_error(where, f"holds {count} Gaussians")
+    check_need("reading", count, degree, str(where))
 
 
 def check_expansion(size: int, stored: int, where: object) -> None:

@@ -17,7 +17,7 @@ from splatcore.model.formats.gltf_file import Accessor, Gltf, open_gltf
 from splatcore.model.formats.placed import merged, placed
 from splatcore.model.formats.spz_axes import turned
 from splatcore.spec.convention import SH_DEGREE_MAX
-from splatcore.spec.scene import ARRAYS, Scene, without_zero
+from splatcore.spec.scene import ARRAYS, Scene, sh_count, without_zero
 
 GLTF_AXES = "LUF"
 """The axes of glTF: left, up, front."""

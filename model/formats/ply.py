@@ -63,7 +63,8 @@ def read(path: str | os.PathLike) -> Scene:
     if "vertex" not in ply.tables:
         raise input_error(path, "element 'vertex' is missing")
     tables = {name: _lower_case(table) for name, table in ply.tables.items()}
-    file.check_count(len(tables["vertex"]), path)
+    rest = sum(name.startswith("f_rest_") for name in tables["vertex"].dtype.names)
+    file.check_count(len(tables["vertex"]), path, REST_DEGREE.get(rest, 0))
     compressed = "chunk" in tables
     scene = _compressed(tables, path) if compressed else _plain(tables["vertex"], path)
     used = GAUSSIANS if compressed else GAUSSIANS[:1]

@@ -125,7 +125,7 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
         raise input_error(path, f"SH degree {header.degree} is not supported")
     if not 1 <= header.fraction <= FRACTION_MAX:
         raise input_error(path, f"{header.fraction} fractional bits, not 1 … {FRACTION_MAX}")
-    file.check_count(header.count, path)
+    file.check_count(header.count, path, header.degree)
     return header
 
 

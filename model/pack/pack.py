@@ -38,6 +38,7 @@ from splatcore.spec.memory import (
 )
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
+from splatcore.spec.progress import report as report_progress
 from splatcore.spec.scene import Scene, batches
 from splatcore.spec.small import FACTOR_MAX, rounded_factor
 
@@ -58,14 +59,14 @@ def pack(
     """Pack a scene for a machine; return the model and a report on what was lost.
 
     sh_degree: highest degree of harmonics to keep (default: all that the machine renders)
-    progress: called with the name of each of `STEPS` as it begins
+    progress: called with the name of each of `STEPS` as it begins (default: `spec.progress`)
     codebooks: of the scene's Gaussians, in the format of that degree (default: made here)
     quality: one of `QUALITIES`, or layouts [C] (`spec.colour.LAYOUTS`), one per chunk
 
     Gaussians with NaN, Inf or a number beyond float32, or that never reach alpha 1/255, are
     dropped and counted. Raises InputError if the machine cannot render models of that quality.
     """
-    progress = progress or (lambda step: None)
+    progress = progress or report_progress
     degree = min(config.sh_degree, scene.sh_degree, 3 if sh_degree is None else sh_degree)
     known = qualities_of(config)
     if (quality if isinstance(quality, str) else STEPPED[0]) not in known:

@@ -64,12 +64,18 @@ def kept_folder(kind: str, made_from: Any, make: Callable[[Path], None]) -> Path
 
     kind: name of the parent folder
     made_from: everything that decides on the content; see `digest`
-    make: called with the folder, which may hold files of a failed attempt
+    make: called with the folder, which may hold files of a failed attempt; an interrupt empties it
     """
     folder = cache_root() / kind / digest(made_from)
     with _locked(folder / "lock"):
         if not (folder / "built").exists():
-            make(folder)
+            try:
+                make(folder)
+            except KeyboardInterrupt:
+                for path in folder.iterdir():
+                    if path.name != "lock":  # others may wait for it
+                        shutil.rmtree(path) if path.is_dir() else path.unlink()
+                raise
             (folder / "built").touch()
     return folder
 

@@ -24,6 +24,7 @@ from rich.text import Text
 
 from splatcore.sim.common.version import version
 from splatcore.spec.error import InputError
+from splatcore.spec.progress import shown_by
 
 console = Console(highlight=False, markup=False, soft_wrap=True)  # results, on standard output
 messages = Console(stderr=True, highlight=False, markup=False)  # progress, on standard error
@@ -154,44 +155,73 @@ class Count(ProgressColumn):
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator:
     """Show a bar on standard error; yield advance(done, total, label) and remove the bar at the
-    end.
+    end. Phases that `spec.progress` reports meanwhile are shown after the label.
 
     If standard error is not a terminal, print a line every `EVERY` seconds instead.
     """
-    if not messages.is_terminal:
-        with _progress_lines(label, total) as advance:
+    with (_bar if messages.is_terminal else _progress_lines)(label, total) as show:
+        current = label
+
+        def advance(done: int, total: int | None, label: str = label):
+            nonlocal current
+            current = label
+            show(done, total, label)
+
+        with shown_by(lambda done, total, phase: show(done, total, f"{current}: {phase}")):
             yield advance
-        return
+
+
+@contextmanager
+def _bar(label: str, total: int | None) -> Iterator:
+    """Show a bar on the terminal."""
     text = TextColumn("{task.description}")
     columns = (text, BarColumn(), Count(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=messages, transient=True) as progress:
         task = progress.add_task(label, total=total)
 
-        def advance(done: int, total: int | None, label: str = label):
+        def show(done: int, total: int | None, label: str):
             progress.update(task, completed=done, total=total, description=label)
 
-        yield advance
+        yield show
+
+
+class Phase:
+    """A phase of work: another begins with another total, or if less is done than before."""
+
+    def __init__(self, label: str, total: int | None):
+        self.begin = time.monotonic()
+        self.state, self.start = (0, total, label), (self.begin, 0)
+
+    def advance(self, done: int, total: int | None, label: str):
+        """Take over a new state."""
+        if total != self.state[1] or done < self.state[0]:
+            self.start = time.monotonic(), done
+        self.state = done, total, label
+
+    @property
+    def line(self) -> str:
+        """Label, done/total, seconds since the beginning and, if the phase has a total, an estimate
+        of the seconds left to it."""
+        (done, total, label), (start, first), now = self.state, self.start, time.monotonic()
+        line = f"{label}{'' if total is None else f' {done:g}/{total:g}'}, {now - self.begin:.0f} s"
+        if total is None or not first < done < total:
+            return line
+        return f"{line}, {(now - start) * (total - done) / (done - first):.0f} s left"
 
 
 @contextmanager
 def _progress_lines(label: str, total: int | None) -> Iterator:
     """Print lines instead of a bar, even if nothing advances."""
-    begin, ended, state = time.monotonic(), threading.Event(), [(0, total, label)]
+    ended, phase = threading.Event(), Phase(label, total)
 
     def print_lines():
         while not ended.wait(EVERY):
-            done, total, text = state[0]
-            count = "" if total is None else f" {done:g}/{total:g}"
-            line = f"{text}{count}, {time.monotonic() - begin:.0f} s"
-            messages.print(line, soft_wrap=True)
-
-    def advance(done: int, total: int | None, label: str = label):
-        state[0] = done, total, label
+            messages.print(phase.line, soft_wrap=True)
 
     thread = threading.Thread(target=print_lines, daemon=True)
     thread.start()
     try:
-        yield advance
+        yield phase.advance
     finally:
         ended.set()
         thread.join()

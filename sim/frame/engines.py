@@ -23,6 +23,7 @@ class Frame(Protocol):
 
 def reference(shot: Shot) -> exact.Frame:
     """Render the source as it is, a scene or a model, by the float64 reference."""
+    shot.source.check_need("reference", shot.source.drawn)
     with shot.bar("rendering by the reference") as advance:
         return exact.render(shot.source.drawn, shot.camera, shot.convention, advance)
 
@@ -30,6 +31,7 @@ def reference(shot: Shot) -> exact.Frame:
 def golden(shot: Shot) -> pipeline.Frame:
     """Render the packed model by the golden model; InputError for a picture that is too large."""
     shot.check_fits()
+    shot.source.check_need("golden", shot.model)
     job, label = shot.job, "rendering by the golden model"
     with shot.bar(label) as advance:
 

@@ -101,6 +101,7 @@ class Shot:
             return None
         key = packing_key(self.config), self.quality or (view.name, view.width, view.height)
         if key not in source.packings:
+            source.check_need("packing", source.scene)
             with self.bar("packing") as advance:
                 found = packed(
                     source.scene, self.config, view, self.quality,
@@ -141,6 +142,7 @@ class Shot:
         plain = self.convention == SPLATCORE
         if plain and getattr(self.packed, "camera", None) is self.camera:
             return getattr(self.packed, name)
+        self.source.check_need("reference", self.model if of == "model" else self.source.scene)
         from splatcore.golden.reference import render
 
         with self.bar(f"rendering the {of} by the reference") as advance:

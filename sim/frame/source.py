@@ -25,6 +25,7 @@ from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
 from splatcore.spec.error import InputError
+from splatcore.spec.need import check_need
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene
 
@@ -86,6 +87,14 @@ class Source:
     def drawn(self) -> Scene | PackedModel:
         """The scene or model, which the reference decodes batch by batch."""
         return self.model if self.scene is None else self.scene
+
+    def check_need(self, work: str, drawn: Scene | PackedModel):
+        """Raise InputError if the memory for some work on a scene or model is not available.
+
+        work: a key of `spec.need.NEEDS`
+        """
+        degree = drawn.sh_degree if isinstance(drawn, Scene) else drawn.format.sh_degree
+        check_need(work, len(drawn), degree, self.name)
 
     @cached_property
     def gaussians(self) -> Gaussians:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from splatcore.study.results import campaigns, compression, frames, machines
+from splatcore.study.results import campaigns, compression, frames, machines, scale
 
 VARIABLES = ("SCENES", "SIZE", "PRESET", "POINTS")
 """Variables of make on which a result may depend."""
@@ -84,6 +84,9 @@ RESULTS = {
         Result("compression", "compression/compression.json",
                "bench compression $(few) --out $(@D) $(SCENES)", compression.Compression,
                hours=True),
+        Result("scale", "scale/scale.json", "bench scale --out $(@D) $(size)", scale.Scale,
+               pictures=("scale.png",), hours=True, title="Large scenes",
+               about="Time and memory of commands by number of Gaussians, on generated scenes."),
     )
 }  # fmt: skip
 """By name. `fit` is not among them, as its targets are up to the user."""

@@ -16,3 +16,4 @@ $(RESULTS)/fpga-tiny.json: ; $(measure) fpga --preset TINY --json $@
 $(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
 $(RESULTS)/fpga-whole.json: ; $(measure) fpga --whole --speed 8 --json $@
 $(RESULTS)/compression/compression.json: ; $(measure) bench compression $(few) --out $(@D) $(SCENES)
+$(RESULTS)/scale/scale.json: ; $(measure) bench scale --out $(@D) $(size)

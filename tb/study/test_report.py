@@ -10,7 +10,7 @@ import pytest
 
 from splatcore.sim.common.plot import STYLE
 from splatcore.sim.frame.picture import read_png
-from splatcore.study.report.titles import SECTIONS
+from splatcore.study.report.titles import titles
 from tb.helpers.command import ROOT
 from tb.helpers.report_page import Page, Report
 from tb.helpers.report_samples import SIZE, VIEWS
@@ -26,7 +26,7 @@ def whole(samples) -> Report:
 
 def test_the_page_is_self_contained(whole):
     page = Page(whole.text)
-    assert list(page.sections) == [*SECTIONS, "missing"]
+    assert list(page.sections) == [*titles(), "missing"]
     assert len(page.ids) == len(set(page.ids)), "an id twice"
     inside = {f"#{name}" for name in page.ids}
     assert all(link in inside or link.startswith("data:image/png;base64,") for link in page.links)

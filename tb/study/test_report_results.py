@@ -140,6 +140,7 @@ COMMANDS = {
     "fpga-whole": "fpga --whole --speed 8 --json DIR/fpga-whole.json",
     "compression": "bench compression --part steps,curve,power --ratios 15,20,30,40,60,80 "
     "--view-size 960x540 --steps 40 --out DIR/compression SCENES",
+    "scale": "bench scale --out DIR/scale SIZE",
 }
 
 
