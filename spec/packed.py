@@ -11,10 +11,7 @@ from splatcore.spec.colour import CHANNELS, LAYOUTS, Harmonics
 from splatcore.spec.decoded import Decoded
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record
-from splatcore.spec.scene import Gaussians, Scene, sh_count
-
-BATCH = 1 << 14
-"""Gaussians that are decoded at a time."""
+from splatcore.spec.scene import Gaussians, Scene, batches, sh_count
 
 
 def harmonics_beats(layouts: np.ndarray, count: int) -> np.ndarray:
@@ -195,8 +192,7 @@ class PackedModel(ModelHeader):
         count, sh = len(self), sh_count(self.format.sh_degree)
         shapes = {"position": (3,), "factor": (3, 3), "opacity": (), "sh": (sh, 3)}
         found = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
-        for first in range(0, count, BATCH):
-            batch = slice(first, first + BATCH)
+        for batch in batches(count):
             part = self.decoded(batch)
             for name, values in found.items():
                 values[batch] = getattr(part, name)

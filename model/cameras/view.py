@@ -7,6 +7,7 @@ import numpy as np
 from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.packed import Drawn
+from splatcore.spec.scene import batches
 
 FIELD_OF_VIEW = np.radians(55.0)  # angle across the longer side of the image
 ELEVATION = np.radians(17.0)  # angle at which the camera looks down on its target
@@ -46,8 +47,6 @@ WALLS = 0.25
 """Penalty for a direction in which walls hide the core's inside, seen from full distance."""
 
 SAMPLE = 100_000  # Gaussians that are considered, picked evenly; more would not change the view
-
-BATCH = 1 << 16  # Gaussians that are looked at together
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,12 +116,12 @@ def _solid(gaussians: Drawn) -> tuple[np.ndarray, np.ndarray]:
     """Indices [N] of the Gaussians that count, and the area [N] that each represents: 2π · product
     of the two larger axes · opacity · number of Gaussians it was picked from."""
     found, opacities = [], []
-    for first in range(0, len(gaussians), BATCH):
-        some = gaussians.decoded(slice(first, first + BATCH))
+    for batch in batches(len(gaussians)):
+        some = gaussians.decoded(batch)
         opacity = some.opacity
         finite = (np.abs(some.position) <= LARGEST).all(axis=1) & np.isfinite(opacity)
         finite &= (np.abs(some.factor) <= LARGEST).all(axis=(1, 2))
-        found.append(np.flatnonzero(finite) + first)
+        found.append(np.flatnonzero(finite) + batch.start)
         opacities.append(opacity[finite])
     index = np.concatenate([np.zeros(0, np.int64), *found])
     if len(index):
