@@ -66,9 +66,6 @@ COMPACT_DEGREE = 1
 CHUNK = 256
 """Gaussians per chunk (the last chunk of a model may have fewer)."""
 
-LARGE = 1 << 20
-"""Larger scenes are packed by samples: of vectors for codebooks, of columns for coded files."""
-
 ORIGIN_BITS = 40  # of a coordinate of a chunk's origin, in grid steps
 OFFSET_BITS = 16  # of an offset from a chunk's origin
 STORED_BITS = OFFSET_BITS - 1  # of an offset in DRAM: all except its top bit

@@ -14,6 +14,10 @@ BATCH = 1 << 14
 """Gaussians that are worked on at a time: their intermediate arrays stay in a core's cache."""
 
 
+LARGE = 1 << 20
+"""Larger scenes are packed by samples: of vectors for codebooks, of columns for coded files."""
+
+
 def batches(count: int) -> Iterator[slice]:
     """Yield the slices of at most `BATCH` rows that make up `count` rows."""
     return (slice(first, min(first + BATCH, count)) for first in range(0, count, BATCH))

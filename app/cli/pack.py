@@ -20,7 +20,7 @@ from splatcore.sim.frame.source import open_cameras, open_source
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import LARGE
+from splatcore.spec.scene import LARGE
 
 PSNR_MAX = 100.0  # more than 8-bit pictures can show
 

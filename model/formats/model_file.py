@@ -11,11 +11,12 @@ from splatcore.model.formats.file import input_error
 from splatcore.spec import coded, memory
 from splatcore.spec.coded import DIFFERENCE, DISTANCE, FILE_HEADER, SIZE, Table
 from splatcore.spec.error import InputError
-from splatcore.spec.memory import ALIGNMENT, CHUNK_HEADER, HEADER, LARGE
+from splatcore.spec.memory import ALIGNMENT, CHUNK_HEADER, HEADER
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.number import code_dtype
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.record import Record
+from splatcore.spec.scene import LARGE
 
 BLOCK = 1 << 12
 """Successive rows of a sample of columns of more than `LARGE` rows."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
-from splatcore.spec.memory import LARGE
 from splatcore.spec.number import Fixed
+from splatcore.spec.scene import LARGE
 
 BATCH = 16384
 ITERATIONS = 30

@@ -28,7 +28,6 @@ from splatcore.spec.memory import (
     COMPONENT,
     EXPONENT_MAX,
     FACTOR,
-    LARGE,
     SLOPE,
     ModelFormat,
     chunk_count,
@@ -39,7 +38,7 @@ from splatcore.spec.memory import (
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.progress import report as report_progress
-from splatcore.spec.scene import Scene, batches
+from splatcore.spec.scene import LARGE, Scene, batches
 from splatcore.spec.small import FACTOR_MAX, rounded_factor
 
 STEPS = ("order", "colour", "harmonics", "layout")
