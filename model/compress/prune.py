@@ -8,7 +8,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 from sklearn.neighbors import NearestNeighbors
 
-from splatcore.model.pack.pack import keep
+from splatcore.model.pack.stored import keep
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import ALPHA_MAX, COLOUR_OFFSET
 from splatcore.spec.error import InputError

@@ -62,6 +62,15 @@ def test_dropped_harmonics_are_named(place, capsys):
     assert "dropped" not in capsys.readouterr().out
 
 
+def test_errors_by_part_of_large_scenes_are_measured_if_asked_for(place, monkeypatch):
+    monkeypatch.setattr("splatcore.app.cli.pack.LARGE", 0)
+    command = "pack scene.ply -o a.splatcore --quality compact --camera cameras.json --json a.json"
+    for option, parts in (("", set()), (" --parts", {"positions", "shape", "opacity", "colour"})):
+        assert run(command + option) == 0
+        assert parts <= set(load(place / "a.json")["psnr_db_packing_by_part"])
+        assert bool(load(place / "a.json")["psnr_db_packing_by_part"]) == bool(parts)
+
+
 def test_no_scratch_path_in_an_error(tmp_path):
     path = tmp_path / "a.ply"
     with pytest.raises(InputError) as raised, whole_file(path) as part:

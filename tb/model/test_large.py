@@ -93,10 +93,10 @@ def test_memory_per_gaussian(quality, monkeypatch):
 
 
 def test_sampled_codebooks_lose_little(monkeypatch):
-    """Codebooks learned from a sixth of the vectors cost less than 0.05 dB."""
-    scene = cloud(14, count=15_000, degree=1)
+    """Codebooks learned from a quarter of the vectors cost less than 0.05 dB."""
+    scene = cloud(14, count=40_000, degree=1)
     exact, found = render(scene.gaussians(), camera(160, 120)).pixels / 255, []
-    for large in (1 << 20, 1 << 12):
+    for large in (1 << 20, 1 << 14):
         monkeypatch.setattr(codebook, "LARGE", large)
         monkeypatch.setattr(codebook, "SAMPLE", large * 5 // 8)
         model, _ = pack(scene, quality="compact")
@@ -134,9 +134,7 @@ def test_columns_coded_by_samples(monkeypatch):
     assert np.array_equal(decode(found, "m"), model.image)
     assert len(found) < 1.1 * len(whole)
     column = np.arange(4000)
-    assert (
-        900 < len(model_file._sample(column)) <= 1000 < 2 * len(model_file._sample(column[:1000]))
-    )
+    assert 700 < len(model_file._sample(column)) <= 1000 == len(model_file._sample(column[:1000]))
 
 
 @pytest.mark.parametrize("kind", ["any", "needles", "discs", "balls", "nothing"])
