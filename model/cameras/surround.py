@@ -125,7 +125,7 @@ def _visible(gaussians: Gaussians) -> Gaussians:
         raise input_error("scene", "no Gaussian can be seen: all are transparent or not finite")
     arrays = (gaussians.position, gaussians.factor, gaussians.opacity)
     arrays = [array[seen] for array in arrays]
-    return Gaussians(*arrays, gaussians.sh[:0], gaussians.antialiased)
+    return Gaussians(*arrays, np.empty((seen.sum(), 0, 3)), gaussians.antialiased)
 
 
 def _candidates(

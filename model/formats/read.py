@@ -197,11 +197,12 @@ def _saturating(sh: np.ndarray) -> int:
     Only Gaussians whose norm over all channels allows for `COLOUR_MAX`, less 0.1 % for float32,
     are evaluated.
     """
-    flat, count = sh.reshape(len(sh), -1), sh.shape[1]
+    count = sh.shape[1]
+    flat = sh.reshape(len(sh), 3 * count)
     least = 0.999 * (COLOUR_MAX - COLOUR_OFFSET) / np.sqrt(count / (4 * np.pi))
     bright = sh[np.einsum("nk,nk->n", flat, flat) >= least**2].astype(np.float64)
     found, basis = 0, harmonics(directions(LOOKS), int(np.sqrt(count)) - 1)
-    for some in np.array_split(bright, len(bright) // 4096 + 1) if len(bright) else ():
+    for some in np.array_split(bright, len(bright) // 128 + 1) if len(bright) else ():
         colour = COLOUR_OFFSET + np.einsum("dk,nkc->ndc", basis, some)
         found += int((colour >= COLOUR_MAX).any(axis=(1, 2)).sum())
     return found

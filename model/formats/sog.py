@@ -94,9 +94,9 @@ def read(path: str | os.PathLike) -> Scene:
                 path, f"{name} is {image.shape[1]}×{image.shape[0]}, not {size[1]}×{size[0]}"
             )
     count = _count(sog)
-    file.check_count(count, path)
     if count > size[0] * size[1]:
         raise input_error(path, f"{count} Gaussians exceed images of {size[1]}×{size[0]} pixels")
+    file.check_count(count, path)
     pixels = {name: image.reshape(-1, 4)[:count] for name, image in images.items()}
     centroids = None if labels is None else _centroids(sog)
 

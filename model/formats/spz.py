@@ -125,8 +125,13 @@ def _header(data: bytes, versions: range, path: str | os.PathLike) -> Header:
         raise input_error(path, f"SH degree {header.degree} is not supported")
     if not 1 <= header.fraction <= FRACTION_MAX:
         raise input_error(path, f"{header.fraction} fractional bits, not 1 … {FRACTION_MAX}")
-    file.check_count(header.count, path, header.degree)
     return header
+
+
+def _check_size(header: Header, stored: int, path: str | os.PathLike):
+    """Raise InputError if a file of `stored` bytes cannot hold its Gaussians, or memory cannot."""
+    file.check_expansion(sum(header.sections), stored, path)
+    file.check_count(header.count, path, header.degree)
 
 
 def _gunzip(data: bytes, path: str | os.PathLike) -> Content:
@@ -135,7 +140,7 @@ def _gunzip(data: bytes, path: str | os.PathLike) -> Content:
         stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
         header = _header(stream.decompress(data, 16), range(1, 4), path)
         size = sum(header.sections)
-        file.check_expansion(size, len(data), path)
+        _check_size(header, len(data), path)
         payload = stream.decompress(stream.unconsumed_tail, size + EXTENSION_MAX)
     if len(payload) < size:
         raise input_error(path, f"holds {len(payload)} of the {size} bytes of {header}")
@@ -166,7 +171,7 @@ def _check_surplus(header: Header, rest: int, path: str | os.PathLike):
 def _check_streams(data: bytes, path: str | os.PathLike) -> Content:
     """Check a file of version 4: header, table of contents and zstd streams."""
     header = _header(data, range(4, 5), path)
-    file.check_expansion(sum(header.sections), len(data), path)
+    _check_size(header, len(data), path)
     if len(data) < 32:
         raise input_error(path, "header is cut off")
     streams, toc = struct.unpack_from("<BI", data, 15)

@@ -17,8 +17,8 @@ from splatcore.spec.colour import COARSE, FINE, SECOND
 from splatcore.spec.config import Config
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.memory import CHUNK, COMPACT_DEGREE, chunk_count
-from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Gaussians, Scene
+from splatcore.spec.packed import Drawn, PackedModel
+from splatcore.spec.scene import LARGE, Gaussians, Scene
 
 SAME_DB = 200.0
 """PSNR in dB that equal pictures count as in comparisons."""
@@ -70,12 +70,11 @@ class Views:
         """Render the scene for cameras; `Views` are returned unchanged."""
         if isinstance(cameras, Views):
             return cameras
-        gaussians = scene.gaussians()
-        return cls(cameras, [picture(gaussians, camera) for camera in cameras])
+        return cls(cameras, pictures(scene, cameras))
 
-    def psnr_db(self, gaussians: Gaussians) -> float:
+    def psnr_db(self, drawn: Drawn) -> float:
         """PSNR in dB of Gaussians against the scene, the worst view's; `SAME_DB` if equal."""
-        return self.least_db([picture(gaussians, camera) for camera in self.cameras])
+        return self.least_db(pictures(drawn, self.cameras))
 
     def least_db(self, drawn: list[np.ndarray]) -> float:
         """PSNR in dB of 8-bit pictures of all views, as in `psnr_db`."""
@@ -85,8 +84,7 @@ class Views:
 
     def judged(self, model: PackedModel, report: PackReport, quality: str) -> Judged:
         """Render a model in all views and add its PSNR."""
-        gaussians = model.gaussians()
-        drawn = [picture(gaussians, camera) for camera in self.cameras]
+        drawn = pictures(model, self.cameras)
         db = self.least_db(drawn)
         return Judged(
             model, report, quality, None if db == SAME_DB else db, self.cameras[0],
@@ -94,9 +92,11 @@ class Views:
         )  # fmt: skip
 
 
-def picture(gaussians: Gaussians, camera: Camera) -> np.ndarray:
-    """The reference's 8-bit picture."""
-    return render(gaussians, camera).pixels
+def pictures(drawn: Drawn, cameras: Sequence[Camera]) -> list[np.ndarray]:
+    """The reference's 8-bit pictures. Large scenes and models are decoded for each, in batches."""
+    if not isinstance(drawn, Gaussians) and len(drawn) <= LARGE:
+        drawn = drawn.gaussians()
+    return [render(drawn, camera).pixels for camera in cameras]
 
 
 def packed(
@@ -142,7 +142,7 @@ def choose(
     views = Views.of(scene, cameras)
     names = [quality] if quality else list(candidates(scene, config))
     if len(names) > 1 and scene.sh_degree > COMPACT_DEGREE:
-        cut = scene.with_sh_degree(COMPACT_DEGREE).gaussians()
+        cut = scene.with_sh_degree(COMPACT_DEGREE)
         if views.psnr_db(cut) < least:  # codebooks can only be worse
             names.remove(COMPACT)
     for name in names:

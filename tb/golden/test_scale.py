@@ -18,7 +18,7 @@ from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
 
 FEW, MANY = 10_000, 60_000  # Gaussians behind the camera
-BYTES = 8  # per Gaussian behind the camera, of all arrays that are held at a time
+BYTES = 32  # per Gaussian behind the camera, of arrays held at a time: mostly values of chunks
 
 CAMERA = replace(generated_camera("garden").resized(160, 90), name="garden")
 AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])

@@ -54,15 +54,15 @@ def test_the_smallest_that_is_good_enough(scene):
 
 def test_the_scene_is_rendered_once(scene, monkeypatch):
     """Choosing a quality, a target PSNR and the parts' errors share one rendering of the scene."""
-    seen, drawn = choose.Views.of(scene, [CAMERA]), choose.picture
+    seen, drawn = choose.Views.of(scene, [CAMERA]), choose.render
     assert choose.Views.of(scene, seen) is seen
     rendered = []
 
-    def picture(gaussians, camera):
+    def counted(gaussians, camera):
         rendered.append(gaussians.position)
         return drawn(gaussians, camera)
 
-    monkeypatch.setattr(choose, "picture", picture)
+    monkeypatch.setattr(choose, "render", counted)
     packed = choose.choose(scene, DEFAULT, seen, "faithful")
     assert len(rendered) == 1
     assert choose.smallest(scene, DEFAULT, seen, 20.0).quality == "compact"
