@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from splatcore.golden.arithmetic import convert, to_fixed
+from splatcore.golden.batches import in_batches
 from splatcore.golden.codes import encode
 from splatcore.golden.footprint import footprints
 from splatcore.spec import feature
@@ -74,8 +75,13 @@ def bin_splats(config: Config, codes: Codes, width: int, height: int, pages: int
     slot[:, : record.size] = record.pack(entries)
     groups = int(np.prod(records.group_grid(config, width, height)))
     lists = write_lists(config, group, slot.view("<u8")[:, 0], groups, pages)
-    chosen = {name: code[kept] for name, code in codes.items()}
-    return Binned(kept, features(config, chosen), group, entries, lists, rows, counts)
+
+    def some(batch: slice) -> Codes:
+        return features(config, {name: code[kept[batch]] for name, code in codes.items()})
+
+    parts = in_batches(some, len(kept))
+    found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return Binned(kept, found, group, entries, lists, rows, counts)
 
 
 def keys(config: Config, codes: Codes) -> np.ndarray:

@@ -77,10 +77,9 @@ def render(
     check_renderable(config, model)
     progress("projecting")
     points = project_points(config, model, camera, whole=False)
-    codes = splat_codes(config, points.projected)
-    size = camera.width, camera.height
     progress("binning")
-    binned = bin_splats(config, codes, *size, pages)
+    size = camera.width, camera.height
+    binned = bin_splats(config, splat_codes(config, points.projected), *size, pages)
     progress("sorting")
     order = np.lexsort((binned.entries["key"], binned.group))  # equal keys stay in arrival order
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))

@@ -136,11 +136,11 @@ def project(
 
     found, counts = zip(*in_batches(work, len(gaussians)), strict=True)
     counts = dict(zip(COUNTS, np.sum(counts, axis=0).tolist(), strict=True))
-    splats = Splats(*(
-        np.concatenate([getattr(part, name) for part in found])
-        for name in Splats.__dataclass_fields__
-    ))  # fmt: skip
-    return splats[np.argsort(splats.depth, kind="stable")], counts
+    parts = {name: [getattr(part, name) for part in found] for name in Splats.__dataclass_fields__}
+    del found
+    order = np.argsort(np.concatenate(parts["depth"]), kind="stable")
+    # A field's parts are gone before those of the next one are joined.
+    return Splats(*(np.concatenate(parts.pop(name))[order] for name in [*parts])), counts
 
 
 def _visible(

@@ -16,6 +16,7 @@ from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.need import check_need
 from splatcore.spec.scene import ARRAYS, Scene, batches, sh_count
+from splatcore.spec.threads import in_threads
 
 GZIP_MAGIC = b"\x1f\x8b\x08"
 """Begins a gzip stream: SPZ of versions 1 to 3, and PLY as some tools write it."""
@@ -213,8 +214,7 @@ def in_batches(count: int, read: Callable[[slice], Scene]) -> Scene:
     """Join the scenes that `read` returns for batches of `count` ≥ 1 rows; all but the arrays is
     the first one's. So intermediate arrays are never as long as the scene."""
     arrays, first = {}, None
-    for rows in batches(count):
-        scene = read(rows)
+    for rows, scene in zip(batches(count), in_threads(read, count), strict=True):
         if len(scene) == count:
             return scene
         first = first or scene

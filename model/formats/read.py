@@ -18,7 +18,8 @@ from splatcore.model.formats.gltf_file import GLB_MAGIC
 from splatcore.model.formats.harmonics import directions, harmonics
 from splatcore.spec.colour import COLOUR_INTEGER
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
-from splatcore.spec.scene import ARRAYS, Scene, batches
+from splatcore.spec.scene import ARRAYS, Scene
+from splatcore.spec.threads import in_threads
 
 
 class Format(NamedTuple):
@@ -167,7 +168,8 @@ def _notes(scene: Scene) -> tuple[str, ...]:
         "transparent Gaussian{s} (opacity below 1/255)",
         f"Gaussian{{s}} with colours from {COLOUR_MAX:g} on, which saturate in the machine",
     )
-    counts = sum((_unusual(scene[rows]) for rows in batches(len(scene))), np.zeros(len(kinds), int))
+    found = in_threads(lambda rows: _unusual(scene[rows]), len(scene))
+    counts = sum(found, np.zeros(len(kinds), int))
     return tuple(
         f"{count} {kind.format(s='' if count == 1 else 's')}"
         for count, kind in zip(counts, kinds, strict=True)

@@ -11,6 +11,7 @@ import numpy as np
 from splatcore.model.pack.floaters import bound_exponent
 from splatcore.spec import memory
 from splatcore.spec.scene import batches
+from splatcore.spec.threads import in_threads
 
 GRID_BITS = memory.ORIGIN_BITS - 2
 """Bits of a coordinate's magnitude on the grid: a sum of two coordinates does not overflow."""
@@ -72,11 +73,10 @@ def chunk_positions(
     origin, step, extent = (np.zeros((chunks, 3), np.int64) for _ in range(3))
     octant_end = np.zeros((chunks, memory.OCTANTS - 1), np.int64)
     stored = np.zeros((count, 3), np.uint16)
-    for rows in batches(count):
+    found = in_threads(lambda rows: _chunks(grid[order[rows]], bits), count)
+    for rows, batch in zip(batches(count), found, strict=True):
         own = slice(rows.start // memory.CHUNK, memory.chunk_count(rows.stop))
-        within, stored[rows], origin[own], step[own], octant_end[own], extent[own] = _chunks(
-            grid[order[rows]], bits
-        )
+        within, stored[rows], origin[own], step[own], octant_end[own], extent[own] = batch
         order[rows], padding[rows] = order[rows][within], padding[rows][within]
     return Chunks(order, padding, exponent, origin, step, octant_end, extent, bits, stored)
 
@@ -121,9 +121,13 @@ def morton_order(grid: np.ndarray) -> np.ndarray:
     corner = grid.min(axis=0, initial=1 << memory.ORIGIN_BITS)  # initial value: if no points
     high, low = np.empty((2, len(grid)), np.uint64)
     below = memory.ORIGIN_BITS - MORTON_BITS
-    for rows in batches(len(grid)):
+
+    def spread(rows: slice):
         point = (grid[rows] - corner).astype(np.uint64)
         high[rows], low[rows] = interleave(point >> below), interleave(point & ((1 << below) - 1))
+
+    for _ in in_threads(spread, len(grid)):
+        pass
     order = np.argsort(high, kind="stable")
     high = high[order]
     tied = np.zeros(len(grid), bool)  # high codes equal to a neighbour's: the low ones decide

@@ -51,17 +51,17 @@ class Quantised:
         return len(self.position)
 
 
-def lay_out(model: Whole, parts: Iterable[Quantised], name: str) -> np.ndarray:
+def lay_out(model: Whole, parts: Iterable[Rows], name: str) -> np.ndarray:
     """Make the image in DRAM, uint8.
 
-    parts: all Gaussians, a batch at a time
+    parts: `rows_of` all Gaussians, a batch at a time
     name: of the scene, for error messages
     """
     layout = model.format.layout(model.count, beats_in_all(model.harmonics, model.count))
     books = model.codebooks or (None, None)
     tables = [entries(memory.COLOUR_ENTRY, books[0]), entries(memory.SH_ENTRY, books[1])]
     head = ModelHeader(header(model, layout, check=0), name)
-    image = image_of(head, model.harmonics, map(rows_of, parts), tables)
+    image = image_of(head, model.harmonics, parts, tables)
     image[: HEADER.size] = header(model, layout, checksum(image))
     return image
 

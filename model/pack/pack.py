@@ -7,7 +7,7 @@ import numpy as np
 
 from splatcore.model.pack.codebook import Codebook, quantise
 from splatcore.model.pack.factor import elements, from_elements, lower_triangular
-from splatcore.model.pack.layout import Quantised, Whole, lay_out
+from splatcore.model.pack.layout import Quantised, Whole, lay_out, rows_of
 from splatcore.model.pack.quality import COMPACT, INDEXED, SMALL, STEPPED
 from splatcore.model.pack.report import PackReport, report
 from splatcore.model.pack.steps import (
@@ -38,8 +38,9 @@ from splatcore.spec.memory import (
 from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.progress import report as report_progress
-from splatcore.spec.scene import LARGE, Scene, batches
+from splatcore.spec.scene import LARGE, Scene
 from splatcore.spec.small import FACTOR_MAX, rounded_factor
+from splatcore.spec.threads import in_threads
 
 STEPS = ("order", "colour", "harmonics", "layout")
 Progress = Callable[[str], None]  # called with the name of each of `STEPS` as it begins
@@ -84,14 +85,18 @@ def pack(
     harmonics, exponents, books = colours(stored, format, quality, books, progress)
     progress("layout")
     lower = np.empty((len(stored), 6))
-    for rows in batches(len(stored)):
+
+    def factors(rows: slice):
         lower[rows] = elements(lower_triangular(stored.factor(rows)))
+
+    for _ in in_threads(factors, len(stored)):
+        pass
     largest = max(lower.max(initial=0), -lower.min(initial=0))
     whole = Whole(
         format, len(stored), harmonics, exponents, stored.chunks.exponent,
         factor_exponent(config, format, largest), books, scene.antialiased,
     )  # fmt: skip
-    parts = (quantised(stored, lower, rows, whole) for rows in batches(len(stored)))
+    parts = in_threads(lambda rows: rows_of(quantised(stored, lower, rows, whole)), len(stored))
     model = PackedModel(lay_out(whole, parts, scene.name), scene.name)
     return model, report(stored, lower, model, clipped)
 
@@ -131,16 +136,24 @@ def colours(
     if not format.codebooks:
         progress("harmonics")
         largest = np.zeros((chunk_count(count), degree + 1))
-        for rows in batches(count):
+
+        def measured(rows: slice):
             own = slice(rows.start // CHUNK, chunk_count(rows.stop))
             largest[own] = largest_factors(folded(stored.sh(rows, degree)))
+
+        for _ in in_threads(measured, count):
+            pass
         found = layouts(largest, quality)
         return found, step_exponents(largest, found), ()
     if not books:
         dtype = np.float64 if count <= LARGE else np.float32
         shown, slopes = np.empty((count, 3), dtype), np.empty((count if degree else 0, 9), dtype)
-        for rows in batches(count):
+
+        def appear(rows: slice):
             shown[rows], slopes[rows] = appearance(stored.sh(rows, degree))
+
+        for _ in in_threads(appear, count):
+            pass
         first = quantise(shown, format.colour_index, COMPONENT)
         del shown
         progress("harmonics")

@@ -19,7 +19,7 @@ from splatcore.spec.memory import (
     chunk_count,
 )
 from splatcore.spec.packed import PackedModel, checksum
-from splatcore.spec.scene import batches
+from splatcore.spec.threads import in_threads
 
 COARSE_SHARE = 1e-3
 """A position is `coarse` if its error exceeds this share of it and the size of its Gaussian."""
@@ -80,25 +80,26 @@ def report(stored: Stored, lower: np.ndarray, model: PackedModel, clipped: int) 
     clipped: scales that were clipped
     """
     degree, padding = model.format.sh_degree, stored.chunks.padding
-    largest = {"position": 0.0, "factor": 0.0, "opacity": 0.0}
-    of_degree, squares, coarse = np.zeros(degree + 1), np.zeros(degree + 1), 0
-    for rows in batches(len(stored)):
+
+    def errors(rows: slice) -> tuple[list, list, int]:
+        """Largest errors, sums of squares, and coarse positions of some Gaussians."""
         own = ~padding[rows]
         part, factor = some_chunks(model, rows), from_elements(lower[rows][own])
         position = stored.position[rows][own]
         off = np.abs(part.position[own] - position).max(1)
         larger = off > COARSE_SHARE * np.abs(position).max(1)
-        coarse += int((off[larger] > axis_of(factor[larger])).sum())
-        largest["position"] = max(largest["position"], off.max(initial=0))
-        largest["factor"] = largest_ratio(part.factor[own] - factor, factor, largest["factor"])
-        off = np.abs(part.opacity - stored.opacity(rows))[own]
-        largest["opacity"] = max(largest["opacity"], off.max(initial=0))
-        for d, (found, true) in enumerate(
-            zip(part.factors, folded(stored.sh(rows, degree)), strict=True)
-        ):
-            error = (found - true)[own]
-            of_degree[d] = max(of_degree[d], np.abs(error).max(initial=0))
-            squares[d] += (error**2).sum()
+        coarse = int((off[larger] > axis_of(factor[larger])).sum())
+        opaque = np.abs(part.opacity - stored.opacity(rows))[own].max(initial=0)
+        ratio = largest_ratio(part.factor[own] - factor, factor)
+        pairs = zip(part.factors, folded(stored.sh(rows, degree)), strict=True)
+        colours = [(found - true)[own] for found, true in pairs]
+        most = [off.max(initial=0), ratio, opaque, *(np.abs(e).max(initial=0) for e in colours)]
+        return most, [(error**2).sum() for error in colours], coarse
+
+    most, squares, coarse = np.zeros(4 + degree), np.zeros(degree + 1), 0
+    for largest, sums, number in in_threads(errors, len(stored)):
+        most, squares, coarse = np.maximum(most, largest), squares + sums, coarse + number
+    position, factor, opacity, *of_degree = most.tolist()
     count = int(len(stored) - padding.sum())
     numbers = 3 * (2 * np.arange(degree + 1) + 1) * max(count, 1)
     rms = [float(each) for each in np.sqrt(squares / numbers)]
@@ -116,11 +117,13 @@ def report(stored: Stored, lower: np.ndarray, model: PackedModel, clipped: int) 
         bytes=len(model.image),
         codebook_bytes=model.format.codebook_bytes,
         bytes_per_gaussian=model.bytes_per_gaussian,
-        **{f"{name}_error": float(error) for name, error in largest.items()},
+        position_error=position,
+        factor_error=factor,
+        opacity_error=opacity,
         colour_rms=rms[0],
         sh_rms=rms[1:],
-        colour_error=float(of_degree[0]),
-        sh_error=[float(error) for error in of_degree[1:]],
+        colour_error=of_degree[0],
+        sh_error=of_degree[1:],
     )
 
 
@@ -129,13 +132,13 @@ def axis_of(factor: np.ndarray) -> np.ndarray:
     return np.maximum(largest_axis(factor), np.finfo(np.float64).tiny)
 
 
-def largest_ratio(error: np.ndarray, factor: np.ndarray, known: float) -> float:
-    """Largest element of errors [N, 3, 3] over their Gaussians' largest axes, or `known` if that
-    is larger. Only candidates by the approximate axis need the exact one."""
+def largest_ratio(error: np.ndarray, factor: np.ndarray) -> float:
+    """Largest element of errors [N, 3, 3] over their Gaussians' largest axes. Only candidates by
+    the approximate axis need the exact one."""
     error = np.abs(error).max((1, 2), initial=0)
     about = error / np.maximum(about_axis(factor), np.finfo(np.float64).tiny)
-    near = np.flatnonzero(about >= max(about.max(initial=0), known) * (1 - 3 * ABOUT))
-    return max(known, float((error[near] / axis_of(factor[near])).max(initial=0)))
+    near = np.flatnonzero(about >= about.max(initial=0) * (1 - 3 * ABOUT))
+    return float((error[near] / axis_of(factor[near])).max(initial=0))
 
 
 def some_chunks(model: PackedModel, rows: slice) -> PackedModel:

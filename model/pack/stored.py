@@ -9,18 +9,22 @@ from splatcore.model.pack.chunk import Chunks, chunk_positions
 from splatcore.model.pack.floaters import find_floaters
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import ABSOLUTE, ModelFormat
-from splatcore.spec.scene import ARRAYS, Scene, batches, rotation_matrix, sh_count
+from splatcore.spec.scene import ARRAYS, Scene, rotation_matrix, sh_count
+from splatcore.spec.threads import in_threads
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 def keep(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Masks [N] of Gaussians whose numbers fit in float32, and that can reach alpha 1/255."""
-    finite = np.ones(len(scene), bool)
-    for rows in batches(len(scene)):
-        for part in (getattr(scene, name)[rows] for name in ARRAYS):
-            finite[rows] &= (np.abs(part) <= FLOAT32_MAX).all(tuple(range(1, part.ndim)))
-    return finite, scene.opacity >= ALPHA_MIN
+
+    def finite(rows: slice) -> np.ndarray:
+        parts = (getattr(scene, name)[rows] for name in ARRAYS)
+        within = [(np.abs(part) <= FLOAT32_MAX).all(tuple(range(1, part.ndim))) for part in parts]
+        return np.all(within, axis=0)
+
+    found = [np.ones(0, bool), *in_threads(finite, len(scene))]
+    return np.concatenate(found), scene.opacity >= ALPHA_MIN
 
 
 @dataclass(frozen=True, eq=False)
