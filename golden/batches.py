@@ -8,6 +8,8 @@ from typing import TypeVar
 
 from numba import get_num_threads
 
+from splatcore.spec.progress import counted
+
 Result = TypeVar("Result")
 
 BATCH = 1 << 14
@@ -19,9 +21,7 @@ def in_batches(work: Callable[[slice], Result], count: int) -> list[Result]:
 
     work: called with a slice of items; once with an empty slice if count is 0
     """
-    size = (
-        -(-count // max(-(-count // BATCH), 1)) or 1
-    )  # all alike: numpy's bits depend on tiny ones
+    size = -(-count // max(-(-count // BATCH), 1)) or 1  # numpy's bits depend on tiny batches
     batches = [slice(first, first + size) for first in range(0, max(count, 1), size)]
     with ThreadPoolExecutor(get_num_threads()) as pool:
-        return list(pool.map(work, batches))
+        return list(counted("batches", pool.map(work, batches), len(batches)))

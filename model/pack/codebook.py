@@ -11,6 +11,7 @@ import numpy as np
 
 from splatcore.spec.colour import EXPONENT_MAX, EXPONENT_MIN
 from splatcore.spec.number import Fixed
+from splatcore.spec.progress import report
 from splatcore.spec.scene import LARGE
 
 BATCH = 16384
@@ -81,6 +82,7 @@ def assigned(vectors: np.ndarray, exponent: int, entries: list[np.ndarray]) -> l
     centres = [stage.astype(np.float32) for stage in entries]
     halves = [(stage * stage).sum(1) / 2 for stage in centres]  # |v − c|² = |v|² − 2 (v·c − |c|²/2)
     for first in range(0, len(vectors), NEAREST):
+        report("Gaussians", first, len(vectors))
         rows = slice(first, first + NEAREST)
         rest = np.ldexp(vectors[rows], -exponent).astype(np.float32)
         for nearest, stage, half in zip(index, centres, halves, strict=True):
