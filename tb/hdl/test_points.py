@@ -100,7 +100,7 @@ ANTIALIASED = {name: config for name, (config, _) in MACHINES.items() if config.
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ANTIALIASED)
+@pytest.mark.parametrize("name", marked(ANTIALIASED, MACHINES))
 def test_antialiased_models_equal_golden(name):
     """Splats of some pixels, and splats below a pixel with hardly any opacity left."""
     config = ANTIALIASED[name]
