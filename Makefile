@@ -90,7 +90,7 @@ verify: install
 check: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) -m "not slow and not scenes and not verify and not compress"
+	$(PYTEST) --quick -m "not slow and not scenes and not verify and not testbenches and not compress"
 
 # `make report` uses results measured here and, for missing ones, those in docs/results.
 # `make results` measures each result that is missing or older than its scene files; a file's name as

@@ -8,11 +8,14 @@ from pathlib import Path
 import pytest
 
 SECONDS = Path(__file__).parent / "seconds.json"
-"""Seconds per test file, of a whole `make test`."""
+"""Seconds per test file, and of each test of at least `LONG`, of a whole `make test`."""
+
+LONG = 0.3  # seconds
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
+    parser.addoption("--quick", action="store_true", help=f"no test that takes {LONG} s or more")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -21,24 +24,29 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class Recorder:
-    """Adds up the seconds of each test file, and writes them at the end."""
+    """Adds up the seconds of each test and file, and writes them at the end."""
 
     def __init__(self):
         self.seconds = defaultdict(float)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[report.nodeid] += report.duration
         self.seconds[report.nodeid.split("::")[0]] += report.duration
 
     def pytest_sessionfinish(self) -> None:
-        slow = {file: round(spent) for file, spent in self.seconds.items() if spent >= 1}
+        slow = {test: round(spent, 1) for test, spent in self.seconds.items() if spent >= LONG}
         ordered = dict(sorted(slow.items(), key=lambda item: -item[1]))
         SECONDS.write_text(json.dumps(ordered, indent=1) + "\n")
 
 
-def pytest_collection_modifyitems(items: list) -> None:
-    """Put tests of slow files first; xdist needs `--no-loadscope-reorder` for it."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list) -> None:
+    """Put tests of slow files first; xdist needs `--no-loadscope-reorder` for it. With --quick,
+    leave out long tests."""
     seconds = json.loads(SECONDS.read_text())
     items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], 0))
+    if config.getoption("quick"):
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid in seconds])
+        items[:] = [item for item in items if item.nodeid not in seconds]
 
 
 @pytest.fixture(scope="session")
