@@ -10,6 +10,7 @@ from splatcore.app.cli.options import app, command
 from splatcore.sim.common import notes
 from splatcore.sim.common.output import messages
 from splatcore.spec.error import InputError
+from splatcore.spec.progress import raise_again
 
 UsageError = typer.BadParameter.__mro__[1]  # of click, or of typer's own copy of it
 
@@ -37,6 +38,7 @@ INTERRUPTED = 130  # exit status after Ctrl-C: 128 + SIGINT
 def main(arguments: list[str] | None = None):
     """Run the command line; bad input prints one line on standard error and exits with status 2, an
     interrupt one and exits with status 130."""
+    raise_again()
     try:
         status = run(arguments)
     except KeyboardInterrupt:

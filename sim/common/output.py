@@ -24,7 +24,7 @@ from rich.text import Text
 
 from splatcore.sim.common.version import version
 from splatcore.spec.error import InputError
-from splatcore.spec.progress import shown_by
+from splatcore.spec.progress import check_interrupts, shown_by
 
 console = Console(highlight=False, markup=False, soft_wrap=True)  # results, on standard output
 messages = Console(stderr=True, highlight=False, markup=False)  # progress, on standard error
@@ -164,9 +164,11 @@ def progress_bar(label: str, total: int | None = None) -> Iterator:
 
         def advance(done: int, total: int | None, label: str = label):
             nonlocal current
+            check_interrupts()
             current = label
             show(done, total, label)
 
+        check_interrupts()
         with shown_by(lambda done, total, phase: show(done, total, f"{current}: {phase}")):
             yield advance
 

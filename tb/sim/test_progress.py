@@ -1,12 +1,14 @@
 """Progress: phases that code reports, and the time left."""
 
 import io
+import signal
 
 import pytest
 from rich.console import Console
 
 from splatcore.sim.common import output
 from splatcore.sim.common.output import Phase, progress_bar
+from splatcore.spec import progress
 from splatcore.spec.progress import counted, report, shown_by
 
 
@@ -70,3 +72,19 @@ def test_items_are_counted():
     with shown_by(lambda *state: outer.append(state)):
         assert list(counted("rows", iter("ab"), 2)) == ["a", "b"]
     assert outer == [(done, 2, "rows") for done in range(3)]
+
+
+def test_a_lost_interrupt_is_raised_again(monkeypatch):
+    """By the next report, and by the next step of a bar."""
+    monkeypatch.setattr(progress, "_interrupts", [])
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.default_int_handler)
+    handlers = {}
+    monkeypatch.setattr(signal, "signal", handlers.__setitem__)
+    progress.raise_again()
+    progress.report("tiles", 1, 2)
+    with pytest.raises(KeyboardInterrupt):
+        handlers[signal.SIGINT](signal.SIGINT, None)
+    with pytest.raises(KeyboardInterrupt):
+        progress.report("tiles", 2, 2)
+    with pytest.raises(KeyboardInterrupt), progress_bar("rendering"):
+        pass
