@@ -118,8 +118,14 @@ class Page:
         self._turn(pose)
 
     def moved(self):
-        """Handle a movement of the camera: show the browser's own drawing until it rests."""
+        """Handle a movement of the camera: show the browser's own drawing until it rests.
+
+        The field of view is the server's alone; a page may still report an older one.
+        """
         pose = self._seen()
+        if self.pose is not None and not np.isclose(pose.fov, self.pose.fov):
+            self.client.camera.fov = self.pose.fov
+            pose = replace(pose, fov=self.pose.fov)
         if pose.same(self.pose):
             return
         if self.pose is not None and pose.page != self.pose.page:  # what the picture shows stays
