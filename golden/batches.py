@@ -3,17 +3,14 @@ share the batches.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from numba import get_num_threads
-
-from splatcore.spec.progress import counted
+from splatcore.spec.threads import shared
 
 Result = TypeVar("Result")
 
 BATCH = 1 << 14
-"""Items per batch."""
+"""Most items per batch."""
 
 
 def in_batches(work: Callable[[slice], Result], count: int) -> list[Result]:
@@ -22,6 +19,4 @@ def in_batches(work: Callable[[slice], Result], count: int) -> list[Result]:
     work: called with a slice of items; once with an empty slice if count is 0
     """
     size = -(-count // max(-(-count // BATCH), 1)) or 1  # numpy's bits depend on tiny batches
-    batches = [slice(first, first + size) for first in range(0, max(count, 1), size)]
-    with ThreadPoolExecutor(get_num_threads()) as pool:
-        return list(counted("batches", pool.map(work, batches), len(batches)))
+    return list(shared(work, [slice(k, k + size) for k in range(0, max(count, 1), size)]))

@@ -32,7 +32,7 @@ from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, chunk_count
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.number import Bits, code_dtype
-from splatcore.spec.packed import PackedModel
+from splatcore.spec.packed import LAYOUT_BEATS, PackedModel
 from splatcore.spec.record import Array, Record, pack_bits
 from splatcore.spec.scene import batches
 
@@ -54,9 +54,6 @@ DISTANCE = Record("distance", {"rows": Bits(32)})
 
 WITH_BEATS = [number for number, layout in enumerate(LAYOUTS) if layout.beats]
 """Numbers of the layouts with beats of harmonics."""
-
-LAYOUT_BEATS = np.array([layout.beats for layout in LAYOUTS])
-"""Beats of harmonics of a Gaussian, by layout."""
 
 Rows = list[np.ndarray]  # of some tables, uint8 [N, size] each
 

@@ -13,11 +13,8 @@ from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record
 from splatcore.spec.scene import Gaussians, Scene, batches, sh_count
 
-
-def harmonics_beats(layouts: np.ndarray, count: int) -> np.ndarray:
-    """Return the beats [N] of harmonics of each of `count` Gaussians; layouts: [C], of chunks."""
-    beats = np.array([layout.beats for layout in LAYOUTS])[layouts]
-    return np.repeat(beats, memory.CHUNK)[:count]
+LAYOUT_BEATS = np.array([layout.beats for layout in LAYOUTS])
+"""Beats of harmonics of a Gaussian, by layout."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +49,7 @@ class PackedModel(ModelHeader):
     @cached_property
     def chunk_beats(self) -> np.ndarray:
         """Beats [C] of attributes per Gaussian of each chunk."""
-        return 1 + np.array([layout.beats for layout in LAYOUTS])[self.chunks["harmonics"]]
+        return 1 + LAYOUT_BEATS[self.chunks["harmonics"]]
 
     @cached_property
     def _chunk_begins(self) -> np.ndarray:

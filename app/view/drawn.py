@@ -6,7 +6,7 @@ import numpy as np
 
 from splatcore.spec.colour import SH_C0
 from splatcore.spec.convention import ALPHA_MIN, COLOUR_OFFSET
-from splatcore.spec.scene import Gaussians
+from splatcore.spec.scene import Gaussians, batches
 
 MOST = 1_000_000
 """Maximum number of Gaussians that the browser draws.
@@ -14,8 +14,6 @@ MOST = 1_000_000
 Each takes 32 bytes in the server, in the message, in the page and on the GPU, and the page sorts
 all of them by depth whenever the camera moves.
 """
-
-BATCH = 1 << 18  # Gaussians per step; intermediate arrays stay below 100 MB
 
 LARGEST = float(np.finfo(np.float16).max)  # covariances are sent as float16
 
@@ -49,8 +47,8 @@ def drawn_by_browser(gaussians: Gaussians, most: int = MOST) -> Drawn:
     chosen, sizes = choose(gaussians, most)
     scale = float(np.median(sizes)) if len(sizes) else 0.0
     scale = scale if 0 < scale < np.inf else 1.0
-    batches = [chosen[first : first + BATCH] for first in range(0, max(len(chosen), 1), BATCH)]
-    parts = [_arrays(gaussians[batch], scale) for batch in batches]
+    slices = list(batches(len(chosen))) or [slice(0)]
+    parts = [_arrays(gaussians[chosen[rows]], scale) for rows in slices]
     arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return Drawn(arrays | {"scale": scale}, len(gaussians))
 
@@ -62,8 +60,7 @@ def choose(gaussians: Gaussians, most: int) -> tuple[np.ndarray, np.ndarray]:
     If more are visible, the largest products of opacity and area remain: they cover the picture.
     """
     weight, size = np.empty((2, len(gaussians)))
-    for first in range(0, len(gaussians), BATCH):
-        batch = slice(first, first + BATCH)
+    for batch in batches(len(gaussians)):
         part = gaussians[batch]
         with np.errstate(all="ignore"):
             seen = part.opacity >= ALPHA_MIN

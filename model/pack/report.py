@@ -7,18 +7,7 @@ import numpy as np
 from splatcore.model.pack.factor import ABOUT, about_axis, from_elements, largest_axis
 from splatcore.model.pack.stored import Stored
 from splatcore.spec.colour import folded
-from splatcore.spec.memory import (
-    ALIGNMENT,
-    ATTRIBUTE_BITS,
-    CHUNK,
-    CHUNK_HEADER,
-    COLOUR_ENTRY,
-    HEADER,
-    PLACED,
-    SH_ENTRY,
-    chunk_count,
-)
-from splatcore.spec.packed import PackedModel, checksum
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.threads import in_threads
 
 COARSE_SHARE = 1e-3
@@ -84,7 +73,7 @@ def report(stored: Stored, lower: np.ndarray, model: PackedModel, clipped: int) 
     def errors(rows: slice) -> tuple[list, list, int]:
         """Largest errors, sums of squares, and coarse positions of some Gaussians."""
         own = ~padding[rows]
-        part, factor = some_chunks(model, rows), from_elements(lower[rows][own])
+        part, factor = model.decoded(rows), from_elements(lower[rows][own])
         position = stored.position[rows][own]
         off = np.abs(part.position[own] - position).max(1)
         larger = off > COARSE_SHARE * np.abs(position).max(1)
@@ -139,36 +128,3 @@ def largest_ratio(error: np.ndarray, factor: np.ndarray) -> float:
     about = error / np.maximum(about_axis(factor), np.finfo(np.float64).tiny)
     near = np.flatnonzero(about >= about.max(initial=0) * (1 - 3 * ABOUT))
     return float((error[near] / axis_of(factor[near])).max(initial=0))
-
-
-def some_chunks(model: PackedModel, rows: slice) -> PackedModel:
-    """The model of some Gaussians, whole chunks, with the same codebooks."""
-    own = slice(rows.start // CHUNK, chunk_count(rows.stop))
-    beats = np.concatenate([[0], np.cumsum(model.chunk_beats * CHUNK)])[[own.start, own.stop]]
-    count, format, of = rows.stop - rows.start, model.format, model.layout
-    beats[1] -= (-count % CHUNK) * model.chunk_beats[own.stop - 1]
-    layout = format.layout(count, int(beats[1] - beats[0]) - count)
-    width = 3 * format.position_record["x"].width
-    if format.small:
-        beats, size = np.array([rows.start, rows.stop]), format.stored_record.size
-    else:
-        size = ATTRIBUTE_BITS // 8
-    image = np.zeros(layout.end, np.uint8)
-    places = {
-        "header": (0, HEADER.size),
-        "chunks": (own.start * CHUNK_HEADER.size, own.stop * CHUNK_HEADER.size),
-        "positions": (rows.start * width // 8, -(-rows.stop * width // 8)),
-        "attributes": tuple(beats * size),
-        "colours": (0, format.colour_entries * COLOUR_ENTRY.size),
-        "sh": (0, format.sh_entries * SH_ENTRY.size),
-    }
-    for name, (start, end) in places.items():
-        data = model.image[getattr(of, name) + start : getattr(of, name) + end]
-        image[getattr(layout, name) :][: len(data)] = data
-    head = dict(model.header)
-    numbers = {name: getattr(layout, name) // ALIGNMENT for name in PLACED} | {"count": count}
-    for checked in (0, 1):
-        numbers["checksum"] = checksum(image) if checked else 0
-        head |= {name: HEADER[name].encode(np.array([value])) for name, value in numbers.items()}
-        image[: HEADER.size] = HEADER.pack(head)[0]
-    return PackedModel(image, model.name)

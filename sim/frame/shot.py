@@ -30,7 +30,7 @@ from splatcore.spec.config import DEFAULT, Config
 from splatcore.spec.convention import SPLATCORE, Convention
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.scene import Gaussians, Scene
+from splatcore.spec.scene import Scene
 
 if TYPE_CHECKING:  # they import numba and Amaranth
     from splatcore.sim.frame.choose import Packed
@@ -137,16 +137,16 @@ class Shot:
             return None
         return self._exact("exact", "scene", self.source.drawn)
 
-    def _exact(self, name: str, of: str, gaussians: Gaussians | Scene | PackedModel) -> np.ndarray:
+    def _exact(self, name: str, of: str, drawn: Scene | PackedModel) -> np.ndarray:
         """Render by the reference, unless packing has judged this view by the same picture."""
         plain = self.convention == SPLATCORE
         if plain and getattr(self.packed, "camera", None) is self.camera:
             return getattr(self.packed, name)
-        self.source.check_need("reference", self.model if of == "model" else self.source.scene)
+        self.source.check_need("reference", drawn)
         from splatcore.golden.reference import render
 
         with self.bar(f"rendering the {of} by the reference") as advance:
-            return render(gaussians, self.camera, self.convention, advance).pixels
+            return render(drawn, self.camera, self.convention, advance).pixels
 
     @property
     def truths(self) -> dict[str, np.ndarray]:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.app.view import drawn
 from splatcore.app.view.drawn import base_colours, drawn_by_browser
 from splatcore.app.view.text import drawn_text
 from splatcore.golden import reference
 from splatcore.model.generate.generate import generate
+from splatcore.spec import scene
 from splatcore.spec.camera import look_at
 from splatcore.spec.scene import Gaussians
 
@@ -49,7 +49,7 @@ def test_the_subset_is_chosen_by_size_and_opacity(monkeypatch):
     """The largest products of opacity and area remain, in stored order, whatever the batches."""
     gaussians = balls([1, 3, 2, 9, 1, 2.5], [1, 0.5, 1, 0.001, 0.5, 0.2])
     for batch in (2, 100):
-        monkeypatch.setattr(drawn, "BATCH", batch)
+        monkeypatch.setattr(scene, "BATCH", batch)
         for most, chosen in (1, [1]), (2, [1, 2]), (3, [1, 2, 5]), (9, [0, 1, 2, 4, 5]):
             found = drawn_by_browser(gaussians, most)
             np.testing.assert_allclose(found.position[:, 0], chosen)

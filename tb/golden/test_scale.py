@@ -11,6 +11,7 @@ from splatcore.golden.points import project_points
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.spec import threads
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import ORIGINAL, SPLATCORE
@@ -18,7 +19,7 @@ from splatcore.spec.memory import CHUNK
 from splatcore.spec.packed import PackedModel
 
 FEW, MANY = 10_000, 60_000  # Gaussians behind the camera
-BYTES = 32  # per Gaussian behind the camera, of arrays held at a time: mostly values of chunks
+BYTES = 20  # per Gaussian behind the camera, of arrays held at a time: mostly values of chunks
 
 CAMERA = replace(generated_camera("garden").resized(160, 90), name="garden")
 AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])
@@ -106,6 +107,7 @@ def test_memory_grows_with_the_visible(render, monkeypatch):
         else:
             reference.render(model, camera)
 
+    monkeypatch.setattr(threads, "threads", lambda: 1)  # each further one holds batches
     monkeypatch.setattr(batches, "BATCH", 1 << 10)
     few, many = joined(FEW), joined(MANY)
     added = peak(draw, many, AMID) - peak(draw, few, AMID)

@@ -20,6 +20,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.frame.budget import part_by_part
 from splatcore.sim.frame.source import Source
 from splatcore.spec import scene as scenes
+from splatcore.spec import threads
 from splatcore.spec.colour import folded
 from splatcore.spec.scene import ARRAYS, Scene, joined, rotation_matrix
 from tb.helpers.clouds import camera, cloud
@@ -159,6 +160,7 @@ MANY = 100 * SMALL
 
 @pytest.mark.parametrize("name", ABOVE)
 def test_memory_of_reading(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(threads, "threads", lambda: 1)  # each further one holds batches
     monkeypatch.setattr(scenes, "BATCH", SMALL)
     path = tmp_path / name
     path.write_bytes(FILES[name](MANY))

@@ -17,6 +17,7 @@ from splatcore.model.pack.pack import clip_scales, format_of, pack
 from splatcore.model.pack.stored import stored_scene
 from splatcore.sim.frame.metric import psnr
 from splatcore.spec import scene as scene_file
+from splatcore.spec import threads
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.convention import ALPHA_MIN
 from splatcore.spec.memory import CHUNK, COMPONENT, REACH, chunk_count
@@ -74,6 +75,7 @@ def test_batches_pack_the_same_model(name, quality, config, monkeypatch):
 @pytest.mark.parametrize("quality", ["small", "compact", "balanced", "mixed"])
 def test_memory_per_gaussian(quality, monkeypatch):
     """Packing and writing hold no second copy of the scene, which has 472 bytes per Gaussian."""
+    monkeypatch.setattr(threads, "threads", lambda: 1)  # each further one holds batches
     monkeypatch.setattr(scene_file, "BATCH", CHUNK)
     monkeypatch.setattr(codebook, "LARGE", 0)
     monkeypatch.setattr(codebook, "SAMPLE", CHUNK)
