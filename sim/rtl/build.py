@@ -11,7 +11,13 @@ from pathlib import Path
 from splatcore.sim.common.cache import cache_root, digest, kept_folder
 from splatcore.sim.common.output import write
 from splatcore.sim.rtl.coverage import COUNTING, counted
-from splatcore.sim.rtl.verilator import STATE, environment, with_settings, without_initial
+from splatcore.sim.rtl.verilator import (
+    STATE,
+    environment,
+    installed,
+    with_settings,
+    without_initial,
+)
 
 KIND = "streams"  # the cache's folder of compiled simulations
 CPP = Path(__file__).parent  # the folder of the C++
@@ -98,7 +104,9 @@ def shared(
     """Share what all programs have in common: compiling it would take most of a small one's time.
 
     These are the objects of Verilator's own library, and its header, precompiled for each level of
-    optimisation. They are made with the first program of each environment and arguments.
+    optimisation. They are made with the first program of each environment and arguments, and
+    again when Verilator or the compiler is installed again: clang refuses a header precompiled
+    from files that are newer now.
 
     objects: folder in which the program is compiled
     Yields the environment variables for compiling.
@@ -108,6 +116,7 @@ def shared(
         [program, "--version"], env=variables, capture_output=True, check=False
     )
     made_from = [program, version.stdout, variables.get("MAKEFLAGS"), HEADER, args]
+    made_from.append([Path(path).stat().st_mtime_ns for path in installed(program, variables)])
     kept = cache_root() / KIND / f"library-{digest(made_from)}"
     for folder in (kept, objects):
         folder.mkdir(parents=True, exist_ok=True)

@@ -64,6 +64,13 @@ def compiler() -> dict[str, str]:
     return {"CXX": found, "LINK": found, "CFG_LDLIBS_THREADS": "-pthread -latomic"}
 
 
+def installed(program: str, variables: dict[str, str]) -> list[str]:
+    """Files that are newer when Verilator or its C++ compiler was installed again."""
+    used = compiler().get("CXX") or shutil.which(os.environ.get("CXX", "g++")) or program
+    root = variables.get("VERILATOR_ROOT")
+    return [used, program, *([f"{root}/include/verilated.h"] if root else [])]
+
+
 def with_settings(variables: dict[str, str], settings: dict[str, str]) -> dict[str, str]:
     """Environment variables with further settings of the makefile of a Verilator program."""
     flags, _, before = variables.get("MAKEFLAGS", "").partition(" -- ")
