@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats, splat_codes
+from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats
 from splatcore.golden.points import Points, project_points
 from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.spec.camera import Camera
@@ -79,7 +79,7 @@ def render(
     points = project_points(config, model, camera, whole=False)
     progress("binning")
     size = camera.width, camera.height
-    binned = bin_splats(config, splat_codes(config, points.projected), *size, pages)
+    binned = bin_splats(config, points.codes, *size, pages)
     progress("sorting")
     order = np.lexsort((binned.entries["key"], binned.group))  # equal keys stay in arrival order
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
