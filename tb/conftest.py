@@ -19,6 +19,7 @@ part or of a command."""
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
+    parser.addoption("--long", action="store_true", help=f"no mark for tests in {VERIFY.name}")
     parser.addoption("--quick", action="store_true", help=f"no test that takes {LONG} s or more")
 
 
@@ -47,7 +48,7 @@ class Recorder:
 def pytest_collection_modifyitems(config: pytest.Config, items: list) -> None:
     """Mark the tests of `VERIFY`. Put tests of slow files first; xdist needs
     `--no-loadscope-reorder` for it. With --quick, leave out long tests."""
-    long = set(VERIFY.read_text().splitlines())
+    long = set() if config.getoption("long") else set(VERIFY.read_text().splitlines())
     for item in items:
         if item.nodeid in long:
             item.add_marker(pytest.mark.verify)
