@@ -13,7 +13,7 @@ import pytest
 from splatcore.eda.example.example import LIBRARIES
 from splatcore.sim.frame.picture import read_png
 from tb.helpers.command import run
-from tb.helpers.front_ends import errors, slang
+from tb.helpers.front_ends import slang
 from tb.helpers.runs import needs_icarus
 
 SIMULATORS = ["verilator", pytest.param("icarus", marks=needs_icarus)]
@@ -91,7 +91,7 @@ def test_a_wrong_picture_is_found(example, python):
 @pytest.mark.slow
 def test_verilog(example):
     """Its Verilog is legal, with the testbench as the top module."""
-    assert not errors("splatcore_testbench", *(example / "rtl").glob("*.v"), by=[slang])
+    assert not slang("splatcore_testbench", *(example / "rtl").glob("*.v"))
 
 
 def test_requirements_list_the_libraries(example):

@@ -15,7 +15,10 @@ from splatcore.eda.gates.macros import module, sizes_in
 from splatcore.eda.gates.synth import yosys
 from splatcore.sim.rtl.verilator import environment
 
-STANDARDS = ("2005", "2012")  # of Verilog and SystemVerilog, for Icarus
+ULX3S_CELLS = Path(__file__).parents[1] / "eda" / "ulx3s_cells.v"
+"""Ports of the cells that a board's Verilog instantiates."""
+
+STANDARDS = ("2005", "2012")  # of Verilog and SystemVerilog; Icarus's names
 
 
 def elaborated(top: str, *paths: Path) -> tuple[Driver, ast.Compilation]:
