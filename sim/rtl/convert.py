@@ -21,9 +21,9 @@ SHORTEST = re.compile(r"^  always @\*\n    (.*;)$", re.M)
 BLOCK = "  always @* begin\n    if ({0}) begin end\n    {1}\n  end"
 
 DECLARED, CHANGED = "  reg {0};\n", "  initial {0} = 1'h0;\nendmodule"
-"""A register that changes at time 0, when all blocks of the module are waiting: it is the last
-process that a simulator starts. A non-blocking assignment needs no order, but slang in yosys refuses
-it in `initial`."""
+"""A register that changes at time 0, when all blocks of the module are waiting: simulators start the
+last process last. A non-blocking assignment needs no order, but slang in yosys refuses it in
+`initial`."""
 
 
 COLLECTED_EVERY = 100_000, 50, 50  # thresholds for `gc.set_threshold`
