@@ -21,8 +21,8 @@ SHORTEST = re.compile(r"^  always @\*\n    (.*;)$", re.M)
 BLOCK = "  always @* begin\n    if ({0}) begin end\n    {1}\n  end"
 
 DECLARED, CHANGED = "  reg {0};\n", "  initial {0} = 1'h0;\nendmodule"
-"""A register that changes at time 0, when all blocks of the module are waiting: simulators start the
-last process last. A non-blocking assignment needs no order, but slang in yosys refuses it in
+"""A register that changes at time 0, when all blocks of its module are waiting: simulators start
+the last process last. A non-blocking assignment needs no order, but slang in yosys refuses it in
 `initial`."""
 
 
