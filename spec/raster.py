@@ -38,7 +38,7 @@ from splatcore.spec.feature import FACTOR, POSITION, SCALE_MAX, SHEAR, feature_r
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
 from splatcore.spec.record import Array, Format, Record
-from splatcore.spec.work import PIXEL
+from splatcore.spec.work import PIXEL, pixel_bytes
 
 BLOCKS = TILE // BLOCK
 """Blocks per side of a tile."""
@@ -184,6 +184,19 @@ def background_code(config: Config, colour):
     return (total + (1 << coarser - 1)) >> coarser
 
 
+def alpha_code(config: Config, rest):
+    """Return the 8 bits of a pixel's alpha; of integers or hardware values.
+
+    rest: T when the last splat has been blended, in units of 2^−transmittance
+    T of a new pixel, `full` = 2^transmittance − 1, stands for 1. Alpha is 255 · (full − T) /
+    2^transmittance, rounded to nearest, ties up: 0 if no splat was blended, 255 if T is 0, and at
+    most 1/2 + 255/2^transmittance levels from 255 · (1 − T).
+    """
+    bits = config.transmittance
+    taken = rest ^ ((1 << bits) - 1)
+    return ((taken << 8) - taken + (1 << bits - 1)) >> bits
+
+
 def pair_record(config: Config) -> Record:
     """A splat and one of its tiles: the tile's place in the image, in tiles, and in the group."""
     tile = {"tile": tile_format(config), "end": Bits(1)}
@@ -204,8 +217,9 @@ def marked_record(config: Config, blocks: Format) -> Record:
 
 
 def pixels_record(config: Config) -> Record:
-    """A finished block: its pixels row by row."""
-    return Record("pixels", {"pixels": Array(Array(Bits(8), 3), BLOCK**2)})
+    """A finished block: its pixels row by row, with alpha if the machine can write it."""
+    pixel = Array(Bits(8), pixel_bytes(config.rgba))
+    return Record("pixels", {"pixels": Array(pixel, BLOCK**2)})
 
 
 def exponent_min(fraction: int) -> int:
@@ -286,7 +300,8 @@ def span_blocks(config: Config) -> int:
 
 def spans_meet(config: Config) -> bool:
     """Whether two neighbouring spans fill beats of the port and share one of them. Then they are
-    written one after the other, and the first waits with its part of that beat.
+    written one after the other, and the first waits with its part of that beat. Spans with alpha
+    never share one: they have 16, 32 or 64 bytes.
     """
     size, beat = span_blocks(config) * BLOCK * PIXEL, port_bytes(config)
     several = config.group * BLOCKS > span_blocks(config)

@@ -36,6 +36,8 @@ CHANGED = {
     "SIXTEEN": (DEFAULT, {"rasterizers": 16}),
     "ONE": (TINY, {"rasterizers": 1, "group": 1}),
     "FEW": (TINY, {"rasterizers": 8, "group": 1, "logic": "fpga"}),
+    # Pixels with alpha: spans of 32 bytes, where those of TINY share beats.
+    "ALPHA": (TINY, {"rgba": True}),
     # Sub-sorters and merges.
     "four": (TREES, {"sub_sorters": 4, "merge_ways": 16, "sort_digits": PAPER.sort_digits}),
     "one": (TREES, {"sub_sorters": 1, "merge_ways": 2, "sort_digits": (1,) * 23}),
