@@ -42,14 +42,11 @@ SPAN_CYCLES = 2 * BLOCK  # per span of `DEFAULT`, at most
 GROUP_CYCLES = 64 * 64 * PIXEL // axi.port_bytes(DEFAULT) + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
+PORTS = {"port": other_port(DEFAULT), "small port": other_port(TINY)}
 WITH_ALPHA = {
     f"{name} alpha": replace(config, name=f"{config.name}_ALPHA", rgba=True)
-    for name, config in (
-        machines("DEFAULT ONE EIGHT")
-        | {"small port": other_port(TINY), "port": other_port(DEFAULT)}
-    ).items()
+    for name, config in (machines("DEFAULT ONE EIGHT") | PORTS).items()
 }
-PORTS = {"port": other_port(DEFAULT), "small port": other_port(TINY)}
 VERIFIED = ("ONE", "EIGHT", *WITH_ALPHA)
 CONFIGS = machines("DEFAULT TINY ALPHA ONE EIGHT") | PORTS | WITH_ALPHA
 
