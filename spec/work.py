@@ -7,7 +7,7 @@ The host provides two work areas, `WORK_AREA` bytes apart, which frames take in 
 each beginning at a multiple of `WORK_ALIGNMENT` (`Work`). The scratch memory for sorting long lists
 is separate, as only the second half uses it, and so is the image: rows of `STRIDE` bytes. A pixel
 is red, green and blue, 8 bits each. If register FORMAT is `RGBA` (machines with `Config.rgba`), a
-fourth byte has alpha, 1 − T (`spec.raster.alpha_code`), and the colour is premultiplied and without
+fourth byte has alpha, 1 − T (`spec.pixel.alpha_code`), and the colour is premultiplied and without
 the background, whose registers are ignored.
 """
 

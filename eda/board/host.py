@@ -198,7 +198,7 @@ class Host(CommUART):
             self.put(name, value)
         progress(0, None, "rendering")
         self._run()
-        size = job.stride * camera.height
+        size = stride(camera.width, job.rgba) * camera.height
         image = self.fetch(areas.images[0], size, labelled("fetching the picture"))
         cycles = [self.get(f"{half}_CYCLES") for half in ("PREPROCESSING", "RENDERING")]
         return Frame(job.pixels(image), *cycles)

@@ -12,11 +12,11 @@ from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.hdl.raster.mark import times
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.pixel import alpha_code
 from splatcore.spec.raster import (
     COLOURS,
     HALVING_BITS,
     SUM_INTEGER,
-    alpha_code,
     colours,
     mark_min,
     power_table,

@@ -12,10 +12,10 @@ from splatcore.hdl.raster.spans import ROW_BEATS_BITS, row_bytes, span_layout
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.pixel import background_code
 from splatcore.spec.raster import (
     BLOCKS,
     COLOURS,
-    background_code,
     colours,
     owner,
     pixels_record,

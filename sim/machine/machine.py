@@ -64,15 +64,10 @@ class Job(NamedTuple):
     background: tuple[int, int, int] = (0, 0, 0)
     rgba: bool = False
 
-    @property
-    def stride(self) -> int:
-        """Bytes from one row of the image to the next."""
-        return stride(self.camera.width, self.rgba)
-
     def pixels(self, image: np.ndarray) -> np.ndarray:
         """The pixels [H, W, 3 or 4] of the bytes of an image."""
         width, height, pixel = self.camera.width, self.camera.height, pixel_bytes(self.rgba)
-        rows = image.reshape(height, self.stride)[:, : width * pixel]
+        rows = image.reshape(height, -1)[:, : width * pixel]
         return rows.reshape(height, width, pixel).copy()
 
 
@@ -211,10 +206,7 @@ class Machine:
         models = list({id(job.model): job.model for job in jobs}.values())
         shapes = [(job.camera.width, job.camera.height) for job in jobs]
         areas = place_areas(self.config, models, shapes, **sizes)
-        total = sum(
-            width * height * pixel_bytes(job.rgba)
-            for job, (width, height) in zip(jobs, shapes, strict=True)
-        )
+        total = sum(job.camera.width * job.camera.height * pixel_bytes(job.rgba) for job in jobs)
 
         def report_progress(cycles: int, written: int):
             progress(cycles, written, total)
@@ -261,7 +253,8 @@ def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int)
     frame = frame_constants(
         config, camera, model_of("position_exponent"), model_of("factor_exponent")
     )
-    values = {"WIDTH": camera.width, "HEIGHT": camera.height, "STRIDE": job.stride}
+    values = {"WIDTH": camera.width, "HEIGHT": camera.height}
+    values["STRIDE"] = stride(camera.width, job.rgba)
     if config.rgba:
         values["FORMAT"] = registers.RGBA * job.rgba
     values |= registers.address_values(config, "MODEL", areas.models[model])
@@ -307,7 +300,7 @@ def host_script(
         script.wait(INTERRUPT_FRAME)
         if k + 1 == len(jobs):
             read(k, False)
-        size = job.stride * job.camera.height
+        size = stride(job.camera.width, job.rgba) * job.camera.height
         marks[k]["PIXELS"] = script.save(areas.images[k % IMAGES], size, f"pixels.{k}")
     script.last_part()
     return script, marks, {name: script.read(name) for name in STATE}

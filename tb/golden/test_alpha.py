@@ -18,7 +18,7 @@ from splatcore.spec.config import DEFAULT
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.raster import alpha_code
+from splatcore.spec.pixel import alpha_code
 from tb.helpers.bounds import RULE
 from tb.helpers.machines import garden
 

@@ -18,9 +18,9 @@ from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid, group_pixels
 from splatcore.spec.number import Bits
+from splatcore.spec.pixel import background_code
 from splatcore.spec.raster import (
     BLOCKS,
-    background_code,
     block_count,
     colours,
     nth_block,
