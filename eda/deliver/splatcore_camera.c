@@ -83,6 +83,9 @@ void splatcore_look(struct splatcore_view *view, const struct splatcore_camera *
 {
     view->width = camera->width;
     view->height = camera->height;
+#ifdef SPLATCORE_FORMAT
+    view->format = 0;
+#endif
     put_place(view, camera, header_field(model, SPLATCORE_MODEL_POSITION_EXPONENT_AT));
     put_lens(view, camera, header_field(model, SPLATCORE_MODEL_FACTOR_EXPONENT_AT));
     for (uint32_t k = 0; k < 3; k++)

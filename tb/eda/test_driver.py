@@ -20,6 +20,7 @@ from splatcore.spec.registers import START, ErrorCode, addresses, register_map
 from splatcore.spec.work import scratch_bytes, stride, work
 from tb.helpers.c_host import STRICT, camera_fields, host_lines
 from tb.helpers.command import ROOT
+from tb.helpers.configs import ALPHA
 
 HOST = ENVIRONMENT.from_string((ROOT / "tb/helpers/driver_host.c.jinja").read_text())
 
@@ -125,6 +126,17 @@ def test_driver_writes_what_the_spec_says(files):
         assert {name: got[name] for name in expected} == expected
     text = (folder / "splatcore.h").read_text()
     assert f"SPLATCORE_SCRATCH_BYTES {scratch_bytes(config)}u" in text
+
+
+@pytest.mark.parametrize("rgba", [False, True])
+def test_driver_writes_the_format(rgba, register_files):
+    """FORMAT, RGB unless set, and the smallest STRIDE of the format."""
+    calls = f"view.format = SPLATCORE_FORMAT_RGBA; {FRAME}" if rgba else FRAME
+    view = camera(0, width=57)
+    run = driven(register_files[ALPHA], view, ALPHA, calls=calls)
+    at = addresses(ALPHA)
+    assert run.failed == 0 and run.of(at["FORMAT"]) == [rgba]
+    assert run.of(at["STRIDE"]) == [stride(57, rgba)] != [stride(57, not rgba)]
 
 
 @pytest.mark.parametrize(("need", "pages", "failed"), [(12, [7, 12], 0), (21, [7], 8)])
