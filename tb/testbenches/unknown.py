@@ -70,7 +70,7 @@ async def nothing_is_set_up(dut):
     assert await host.read("ERROR") == 0
 
 
-@timed_test(TIMEOUT, case=[] if FEW else ["saturated"])
+@timed_test(TIMEOUT, case=[] if FEW else ["tie"])
 async def a_frame_after_resets(dut, case):
     """A frame is right after one cycle of reset in the middle of earlier ones."""
     bench = await begun(dut)
