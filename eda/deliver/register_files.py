@@ -194,9 +194,9 @@ def number_facts(format: Float) -> dict[str, int | str]:
     infinity = format.overflow == "infinity"
     least, beyond = (frexp(value)[1] for value in (format.min_normal / 2, format.max))
     if format.subnormal:
-        below = f"(uint32_t)rint(ldexp(size, {format.fraction - least}))"
+        below = f"rint(ldexp(size, {format.fraction - least}))"
     else:
-        below = f"size > least / 2 ? {1 << format.fraction}u : 0u"
+        below = f"size > least / 2 ? {1 << format.fraction}.0 : 0.0"
     return {
         "sign": format.width - 1,
         "least": least,
