@@ -137,7 +137,10 @@ class PackedModel(ModelHeader):
         """Return the Gaussians that a numpy index (slice, mask or integers) selects."""
         if isinstance(index, slice):
             return Decoded(self, np.arange(*index.indices(len(self))))
-        return Decoded(self, np.arange(len(self))[index])
+        index = np.asarray(index)
+        if index.dtype == bool:
+            return Decoded(self, np.flatnonzero(index))
+        return Decoded(self, np.where(index < 0, index + len(self), index).astype(np.int64))
 
     @property
     def stored_positions(self) -> np.ndarray:
