@@ -63,7 +63,7 @@ commands: install
 test: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) -m "not verify and not testbenches" $(if $(RECORD),--record-seconds)
+	$(PYTEST) -m "not verify and not long and not testbenches" $(if $(RECORD),--record-seconds)
 
 test-compress: .venv/compress
 	$(PYTEST) -m compress
@@ -76,12 +76,12 @@ testbenches: install
 # entries) and frames of DEFAULT are left out.
 coverage: install
 	rm -rf out/coverage && mkdir -p out/coverage
-	SPLATCORE_COVERAGE=$(CURDIR)/out/coverage $(PYTEST) -m "not verify" \
+	SPLATCORE_COVERAGE=$(CURDIR)/out/coverage $(PYTEST) -m "not verify and not long" \
 		$(or $(TESTS),tb/machine -k "not long_list and not test_machine_default")
 	$(SPLATCORE) coverage out/coverage --json out/coverage.json
 
 verify: install
-	$(PYTEST) -m verify
+	$(PYTEST) -m "verify or long"
 
 .venv/compress: pyproject.toml .venv/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,compress]'
@@ -90,7 +90,7 @@ verify: install
 check: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) --quick -m "not slow and not scenes and not verify and not testbenches and not compress"
+	$(PYTEST) --quick -m "not slow and not scenes and not verify and not long and not testbenches and not compress"
 
 # `make report` uses results measured here and, for missing ones, those in docs/results.
 # `make results` measures each result that is missing or older than its scene files; a file's name as

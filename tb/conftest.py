@@ -8,19 +8,18 @@ from pathlib import Path
 import pytest
 
 SECONDS = Path(__file__).parent / "seconds.json"
-"""Seconds per test file, and of each test of at least `LONG`, of a whole `make test`."""
+"""Seconds per test file, and of each test of at least `SLOW`, of a whole `make test`."""
 
-LONG = 0.3  # seconds
+SLOW = 0.3  # seconds
 
-VERIFY = Path(__file__).parent / "verify.txt"
-"""Tests that get the mark `verify`, one per line: 6 s of CPU or more, and not the only ones of a
-part or of a command."""
+LONG = Path(__file__).parent / "long.txt"
+"""Tests that get the mark `long`, one per line: 6 s of CPU or more, and not the only ones of a part
+or of a command. `make verify` and the judges of planted faults run them."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
-    parser.addoption("--long", action="store_true", help=f"no mark for tests in {VERIFY.name}")
-    parser.addoption("--quick", action="store_true", help=f"no test that takes {LONG} s or more")
+    parser.addoption("--quick", action="store_true", help=f"no test that takes {SLOW} s or more")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -39,19 +38,19 @@ class Recorder:
         self.seconds[report.nodeid.split("::")[0]] += report.duration
 
     def pytest_sessionfinish(self) -> None:
-        slow = {test: round(spent, 1) for test, spent in self.seconds.items() if spent >= LONG}
+        slow = {test: round(spent, 1) for test, spent in self.seconds.items() if spent >= SLOW}
         ordered = dict(sorted(slow.items(), key=lambda item: -item[1]))
         SECONDS.write_text(json.dumps(ordered, indent=1) + "\n")
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects by mark
 def pytest_collection_modifyitems(config: pytest.Config, items: list) -> None:
-    """Mark the tests of `VERIFY`. Put tests of slow files first; xdist needs
+    """Mark the tests of `LONG` as long. Put tests of slow files first; xdist needs
     `--no-loadscope-reorder` for it. With --quick, leave out long tests."""
-    long = set() if config.getoption("long") else set(VERIFY.read_text().splitlines())
+    long = set(LONG.read_text().splitlines())
     for item in items:
         if item.nodeid in long:
-            item.add_marker(pytest.mark.verify)
+            item.add_marker(pytest.mark.long)
     seconds = json.loads(SECONDS.read_text())
     items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], 0))
     if config.getoption("quick"):
