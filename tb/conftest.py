@@ -10,7 +10,7 @@ import pytest
 SECONDS = Path(__file__).parent / "seconds.json"
 """Seconds per test file, and of each test of at least `SLOW`, of a whole `make test`."""
 
-SLOW = 0.3  # seconds
+SLOW = 0.1  # seconds
 
 LONG = Path(__file__).parent / "long.txt"
 """Tests that get the mark `long`, one per line: 6 s of CPU or more, and not the only ones of a part
