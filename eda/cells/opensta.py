@@ -1,10 +1,10 @@
 """Files for OpenSTA (`sta`): a netlist of cells, timing of memories, constraints, a script."""
 
-import re
 from pathlib import Path
 
 from splatcore.eda.cells.cell_netlist import CellNetlist
 from splatcore.eda.cells.static_timing import Assumed, Timing
+from splatcore.eda.deliver.names import identifier
 from splatcore.eda.gates.macros import PORTS
 from splatcore.eda.template import filled, write_texts
 
@@ -59,47 +59,63 @@ def memories(netlist: CellNetlist, assumed: Assumed) -> str:
 
 
 def verilog(netlist: CellNetlist, module: str) -> str:
-    """A netlist as one flat Verilog module; flip-flops are named after their registers."""
-    nets = {0: "1'b0", 1: "1'b1"}
-    lines, assigned = [f"module {module} (", f"  {', '.join(p.name for p in netlist.ports)});"], []
-    for port in netlist.ports:
-        wide = len(port.nets) > 1
-        lines.append(
-            f"  {'input' if port.is_input else 'output'} "
-            f"{f'[{len(port.nets) - 1}:0] ' if wide else ''}{port.name};"
-        )
-        for bit, net in enumerate(port.nets):
-            text = f"{port.name}[{bit}]" if wide else port.name
-            if nets.setdefault(int(net), text) != text:
-                assigned.append(f"  assign {text} = {nets[int(net)]};")
+    """A netlist as one flat Verilog module, with the ports of the component's Verilog.
+
+    Flip-flops are named after their registers; one with a port's name ends in _reg.
+    """
+    taken = {port.name for port in netlist.ports}
+
+    def free(*names: str) -> str:
+        """The first of these names that is not used yet, as an identifier."""
+        name = next(name for name in names if name not in taken)
+        taken.add(name)
+        return identifier(name)
+
+    nets, declared, assigned = _ports(netlist)
     used = {int(net) for net in netlist.pins.flat}
     used |= {int(net) for *_, ports in netlist.memories for port in ports for net in port.nets}
     for net in sorted(used - nets.keys()):
-        nets[net] = f"n{net}"
-        lines.append(f"  wire n{net};")
-    lines += assigned
-    taken: set[str] = set()
-    for cell, cells, _ in netlist.by_kind():
-        pins = (*cell.inputs, *cell.functions)
-        for number in cells:
-            name = _identifier(netlist.register(number)) if cell.is_flip_flop else f"u{number}"
-            name = f"u{number}" if name in taken else name
-            taken.add(name)
-            row = zip(pins, netlist.pins[number], strict=False)
-            inside = ", ".join(
-                f".{pin}({nets[int(net)]})" for pin, net in row if net or pin in cell.inputs
-            )
-            lines.append(f"  {cell.name} {name} ({inside});")
+        nets[net] = free(f"n{net}", f"n{net}_")
+        declared.append(f"  wire {nets[net]};")
+    placed = []
     for path, kind, ports in netlist.memories:
         row = zip(PORTS, ports, strict=True)
         inside = ", ".join(
             f".{name}({{{', '.join(nets[int(net)] for net in port.nets[::-1])}}})"
             for name, port in row
         )
-        lines.append(f"  {kind} {_identifier(path)} ({inside});")
-    return "\n".join([*lines, "endmodule\n"])
+        placed.append(f"  {kind} {free(path, f'{path}_memory')} ({inside});")
+    for cell, cells, _ in netlist.by_kind():
+        pins = (*cell.inputs, *cell.functions)
+        for number in cells:
+            names = [f"u{number}", f"u{number}_"]
+            if cell.is_flip_flop:
+                register = netlist.register(number).replace(" ", "_")  # a net without a name
+                names = [register, f"{register}_reg", *names]
+            row = zip(pins, netlist.pins[number], strict=False)
+            inside = ", ".join(
+                f".{pin}({nets[int(net)]})" for pin, net in row if net or pin in cell.inputs
+            )
+            placed.append(f"  {cell.name} {free(*names)} ({inside});")
+    names = ", ".join(identifier(port.name) for port in netlist.ports)
+    head = f"module {module} (\n  {names});"
+    return "\n".join([head, *declared, *assigned, *placed, "endmodule\n"])
 
 
-def _identifier(name: str) -> str:
-    """A name as a Verilog identifier, escaped if necessary."""
-    return name if re.fullmatch(r"[A-Za-z_]\w*", name) else f"\\{name} "
+def _ports(netlist: CellNetlist) -> tuple[dict[int, str], list[str], list[str]]:
+    """Names of the nets at ports, declarations of ports, assignments to outputs.
+
+    An output gets an assignment if its net is a constant or an earlier port.
+    """
+    nets, declared, assigned = {0: "1'b0", 1: "1'b1"}, [], []
+    for port in sorted(netlist.ports, key=lambda port: not port.is_input):
+        name, wide = identifier(port.name), len(port.nets) > 1
+        declared.append(
+            f"  {'input' if port.is_input else 'output'} "
+            f"{f'[{len(port.nets) - 1}:0] ' if wide else ''}{name};"
+        )
+        for bit, net in enumerate(port.nets):
+            text = f"{name}[{bit}]" if wide else name
+            if nets.setdefault(int(net), text) != text:
+                assigned.append(f"  assign {text} = {nets[int(net)]};")
+    return nets, declared, assigned

@@ -10,7 +10,36 @@ import re
 
 from splatcore.sim.rtl.convert import MODULE
 
+KEYWORDS = frozenset(
+    """
+    accept_on alias always always_comb always_ff always_latch and assert assign assume automatic
+    before begin bind bins binsof bit break buf bufif0 bufif1 byte case casex casez cell chandle
+    checker class clocking cmos config const constraint context continue cover covergroup
+    coverpoint cross deassign default defparam design disable dist do edge else end endcase
+    endchecker endclass endclocking endconfig endfunction endgenerate endgroup endinterface
+    endmodule endpackage endprimitive endprogram endproperty endsequence endspecify endtable
+    endtask enum event eventually expect export extends extern final first_match for force
+    foreach forever fork forkjoin function generate genvar global highz0 highz1 if iff ifnone
+    ignore_bins illegal_bins implements implies import incdir include initial inout input inside
+    instance int integer interconnect interface intersect join join_any join_none large let
+    liblist library local localparam logic longint macromodule matches medium modport module
+    nand negedge nettype new nexttime nmos nor noshowcancelled not notif0 notif1 null or output
+    package packed parameter pmos posedge primitive priority program property protected pull0
+    pull1 pulldown pullup pulsestyle_ondetect pulsestyle_onevent pure rand randc randcase
+    randsequence rcmos real realtime ref reg reject_on release repeat restrict return rnmos
+    rpmos rtran rtranif0 rtranif1 s_always s_eventually s_nexttime s_until s_until_with scalared
+    sequence shortint shortreal showcancelled signed small soft solve specify specparam static
+    string strong strong0 strong1 struct super supply0 supply1 sync_accept_on sync_reject_on
+    table tagged task this throughout time timeprecision timeunit tran tranif0 tranif1 tri tri0
+    tri1 triand trior trireg type typedef union unique unique0 unsigned until until_with untyped
+    use uwire var vectored virtual void wait wait_order wand weak weak0 weak1 while wildcard
+    wire with within wor xnor xor
+    """.split()
+)
+"""Keywords of Verilog and SystemVerilog: IEEE 1800-2023, annex B."""
+
 ESCAPED = re.compile(r"\\(\S+) ")
+PORT = re.compile(r"^  (?:in|out)put (?:\[\S+\] )?\\(\S+) ;$", re.M)
 NUMBER = re.compile(r"\$\d+")
 NAMELESS = re.compile(r"\\(\$\d+) ")
 
@@ -34,9 +63,18 @@ PLACE = re.compile(r".*/site-packages/|[^|]*/(?=(?:spec|hdl|sim|eda)/[^|]*$)|.*/
 """The folders of a path: before a file of this project or of a library, else before its name."""
 
 
+def identifier(name: str) -> str:
+    """A name as a Verilog identifier, escaped if it is a keyword or has other characters."""
+    is_plain = re.fullmatch(r"[A-Za-z_]\w*", name, re.A) and name not in KEYWORDS
+    return name if is_plain else f"\\{name} "
+
+
 def readable(text: str) -> str:
     """Make names in Verilog with `src` attributes readable, and remove the folders of the computer
-    on which it was generated from the attributes' paths."""
+    on which it was generated from the attributes' paths.
+
+    Ports of the first module whose names are keywords stay escaped, as in netlists of it.
+    """
     text = PATHS.sub(lambda found: _places(found[0]), text)
     taken = set(re.findall(r"\w+", text))
     plain: dict[str, str] = {}
@@ -51,6 +89,8 @@ def readable(text: str) -> str:
         return f"{plain[found[1]]} "
 
     text = MODULE.sub(lambda module: _named(module[0], taken), text)
+    first = MODULE.search(text)
+    plain |= {name: f"\\{name}" for name in PORT.findall(first[0] if first else "")}
     return ESCAPED.sub(rename, text)
 
 

@@ -20,8 +20,10 @@ WAKE = re.compile(r"^  reg (\\\S+dump_module\S+ ) = 0;\n", re.M)
 SHORTEST = re.compile(r"^  always @\*\n    (.*;)$", re.M)
 BLOCK = "  always @* begin\n    if ({0}) begin end\n    {1}\n  end"
 
-CHANGE = "  reg {0};\n  initial {0} <= 1'h0;\n"
-"""A register that changes at time 0, when all blocks are waiting."""
+DECLARED, CHANGED = "  reg {0};\n", "  initial {0} = 1'h0;\nendmodule"
+"""A register that changes at time 0, when all blocks of its module are waiting: simulators start
+the last process last. A non-blocking assignment needs no order, but slang in yosys refuses it in
+`initial`."""
 
 
 COLLECTED_EVERY = 100_000, 50, 50  # thresholds for `gc.set_threshold`
@@ -81,4 +83,5 @@ def _woken(module: str) -> str:
     if wake := WAKE.search(module):
         module = WAKE.sub("", module).replace(wake[1], name)
     module = SHORTEST.sub(lambda found: BLOCK.format(name, found[1]), module)
-    return PORTS.sub(lambda found: found[0] + CHANGE.format(name), module, count=1)
+    module = PORTS.sub(lambda found: found[0] + DECLARED.format(name), module, count=1)
+    return module.removesuffix("endmodule") + CHANGED.format(name)

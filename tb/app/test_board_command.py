@@ -36,6 +36,7 @@ from splatcore.spec.registers import (
 from splatcore.spec.work import aligned, scratch_bytes, stride, work
 from tb.helpers.board_simulation import simulated_board
 from tb.helpers.command import ROOT, check_documented, check_refused, run
+from tb.helpers.front_ends import ULX3S_CELLS, slang
 
 SIZE = (40, 24)
 FEW = "40x24"
@@ -114,6 +115,7 @@ def test_files(tmp_path, capsys):
     board = texts["splatcore_board.v"]
     assert not re.search(r"LiteX sha1|20\d\d-\d\d-\d\d", board)
     yosys(script.format(" ".join(texts)), texts)
+    assert not slang("splatcore_board", ULX3S_CELLS, *(folder / name for name in names))
     ports = re.findall(
         r"^ +(?:in|out|inout)(?:put)? +(?:wire|reg) +(\[\d+:0\])? *(\w+)", board, re.M
     )

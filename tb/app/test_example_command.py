@@ -13,6 +13,7 @@ import pytest
 from splatcore.eda.example.example import LIBRARIES
 from splatcore.sim.frame.picture import read_png
 from tb.helpers.command import run
+from tb.helpers.front_ends import slang
 from tb.helpers.runs import needs_icarus
 
 SIMULATORS = ["verilator", pytest.param("icarus", marks=needs_icarus)]
@@ -85,6 +86,12 @@ def test_a_wrong_picture_is_found(example, python):
     finally:
         path.write_text(text)
     assert done.returncode != 0 and "frame.png is not expected.png" in done.stdout
+
+
+@pytest.mark.slow
+def test_verilog(example):
+    """Its Verilog is legal, with the testbench as the top module."""
+    assert not slang("splatcore_testbench", *(example / "rtl").glob("*.v"))
 
 
 def test_requirements_list_the_libraries(example):

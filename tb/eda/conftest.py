@@ -41,11 +41,24 @@ def tiny_files(register_files):
     return register_files[TINY]
 
 
-@pytest.fixture(scope="session")
-def tiny_rtl() -> Path:
-    """The files of `splatcore verilog --preset TINY`; written again only after a change of code."""
+def tiny_verilog(*words: str) -> Path:
+    """The files that `splatcore verilog --preset TINY` writes with these arguments; written again
+    only after a change of code."""
 
     def written(folder: Path):
-        assert run("verilog", "--preset", "TINY", "-o", folder / "rtl") == 0
+        assert run("verilog", "--preset", "TINY", *words, "-o", folder / "rtl") == 0
 
-    return kept_folder("tiny", [code_key(write_top), code_key(run), TINY], written) / "rtl"
+    made_from = [code_key(write_top), code_key(run), TINY, *words]
+    return kept_folder("tiny", made_from, written) / "rtl"
+
+
+@pytest.fixture(scope="session")
+def tiny_rtl() -> Path:
+    """The files of the machine TINY."""
+    return tiny_verilog()
+
+
+@pytest.fixture(scope="session")
+def tiny_stages() -> Path:
+    """The files of TINY's stages."""
+    return tiny_verilog("--part", "stages")

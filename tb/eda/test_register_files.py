@@ -1,6 +1,6 @@
 """The register page, the C header, and SystemRDL as an independent compiler reads it, against
-`spec.registers`. Names in the C headers and driver: usable in C and C++, and different for two
-machines."""
+`spec.registers`. Names in the C headers and driver: usable in C, C++ and SystemVerilog, and
+different for two machines."""
 
 import re
 import shutil
@@ -9,20 +9,33 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from peakrdl_cheader.exporter import CHeaderExporter
 from peakrdl_ipxact import IPXACTExporter
+from peakrdl_regblock import RegblockExporter
+from peakrdl_regblock.cpuif.passthrough import PassthroughCpuif
+from peakrdl_regblock.udps import ALL_UDPS
 from systemrdl import RDLCompiler
 from systemrdl.messages import MessagePrinter
 from systemrdl.node import AddrmapNode
 from systemrdl.rdltypes import OnWriteType
 
+from splatcore.eda.deliver.names import KEYWORDS
 from splatcore.eda.deliver.register_files import DRIVER, FILES, fields, sizes, write_register_files
 from splatcore.spec import registers
 from splatcore.spec.axi import RENDERING
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.registers import READY, START, ErrorCode, register_map
-from tb.helpers.c_host import host_lines
+from tb.helpers.c_host import STRICT, host_lines
 from tb.helpers.command import ROOT
 from tb.helpers.configs import MAPS, wide_addresses
+from tb.helpers.front_ends import slang
+
+HEADERS = "stdint limits errno stdio stdlib math stddef stdbool string inttypes signal float"
+LANGUAGES = {"c": ["gcc", "-std=gnu17"], "c++": ["g++", "-std=gnu++20"]}
+
+needs_cpp = pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+in_both_languages = pytest.mark.parametrize("language", ["c", pytest.param("c++", marks=needs_cpp)])
+of_all_machines = pytest.mark.parametrize("config", MAPS, ids=lambda config: config.name)
 
 READ, WRITTEN = ("read", "write", "frame", "clear"), ("write", "frame", "clear", "control")
 
@@ -72,8 +85,11 @@ class Strict(MessagePrinter):
         raise AssertionError(f"{severity.name}: {text}")
 
 
-def compiled(path: Path) -> AddrmapNode:
+def compiled(path: Path, *properties: type) -> AddrmapNode:
+    """A register map as the compiler reads it. properties: further ones that an exporter knows."""
     compiler = RDLCompiler(message_printer=Strict())
+    for each in properties:
+        compiler.register_udp(each)
     compiler.compile_file(str(path))
     return compiler.elaborate().top
 
@@ -137,12 +153,22 @@ def test_ip_xact(tiny_files, tmp_path):
     assert found == {register.name: at for at, register in register_map(TINY).items()}
 
 
-HEADERS = "stdint limits errno stdio stdlib math stddef stdbool string inttypes signal float"
-LANGUAGES = {"c": ["gcc", "-std=gnu17"], "c++": ["g++", "-std=gnu++20"]}
+@pytest.mark.parametrize("standard", ["c11", pytest.param("c++17", marks=needs_cpp)])
+def test_c_header_of_peakrdl(described, standard, tmp_path):
+    """PeakRDL's C header compiles after all standard headers, with every warning on."""
+    CHeaderExporter().export(described[1], str(tmp_path / "peakrdl.h"))
+    text = "".join(f"#include <{name}.h>\n" for name in HEADERS.split()) + '#include "peakrdl.h"\n'
+    compiler = {"c11": ["gcc", "-x", "c"], "c++17": ["g++", "-x", "c++"]}[standard]
+    command = [*compiler, f"-std={standard}", *STRICT, "-fsyntax-only", f"-I{tmp_path}", "-"]
+    subprocess.run(command, input=text, text=True, check=True)
 
-needs_cpp = pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
-in_both_languages = pytest.mark.parametrize("language", ["c", pytest.param("c++", marks=needs_cpp)])
-of_all_machines = pytest.mark.parametrize("config", MAPS, ids=lambda config: config.name)
+
+@pytest.mark.slow
+def test_register_block_of_peakrdl(tiny_files, tmp_path):
+    """PeakRDL makes registers in SystemVerilog that are legal."""
+    node = compiled(tiny_files / "splatcore.rdl", *ALL_UDPS)
+    RegblockExporter().export(node, str(tmp_path), cpuif_cls=PassthroughCpuif)
+    assert not slang("splatcore", *sorted(tmp_path.iterdir(), reverse=True))
 
 
 def names(config) -> set[str]:
@@ -162,6 +188,7 @@ def test_names_are_no_macros(language, config):
     macros = set(re.findall(r"^#define (\w+)", done.stdout, re.M))
     assert {"SIZE_MAX", "INT_MAX", "EOF", "ERANGE", "RAND_MAX", "HUGE_VAL"} <= macros
     assert not names(config) & macros
+    assert not {name.lower() for name in names(config)} & KEYWORDS  # of SystemVerilog
 
 
 @in_both_languages

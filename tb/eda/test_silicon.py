@@ -14,7 +14,7 @@ from splatcore.eda.cells.cell_netlist import put_together
 from splatcore.eda.cells.delays import fo4
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.cells.mapping import MAP, PASSES, SUMS, mapped, recipe
-from splatcore.eda.cells.opensta import write_opensta
+from splatcore.eda.cells.opensta import verilog, write_opensta
 from splatcore.eda.cells.silicon import Silicon, area_28nm, long_paths, machine_silicon, silicon
 from splatcore.eda.cells.ways import fastest
 from splatcore.eda.gates import machine_gates
@@ -25,6 +25,7 @@ from splatcore.hdl.arithmetic.multiply import Multiply
 from splatcore.hdl.sorting.sorter import Sorter
 from splatcore.spec.config import DEFAULT, TINY
 from tb.helpers.command import check_documented, load, run
+from tb.helpers.front_ends import errors, icarus, slang, verilator, write_boxes
 from tb.helpers.liberty import AREA_FF, DATA, GATES, liberty_files, needs_libraries
 
 SMALL_FO4_MAX, WHOLE_FO4_MAX = 70, 45.1
@@ -153,11 +154,15 @@ def test_command(liberty_path, tmp_path, monkeypatch, capsys):
     assert longest["to"]["name"] in printed and f"{longest['ps']:,.0f}" in printed
     for name in ("add.v", "add.tcl", "add.sdc", "codebook_memories.lib"):
         assert (tmp_path / "out" / name).exists()
+    for name in facts["stages"]:
+        path = tmp_path / "out" / f"{name}.v"
+        assert not errors(name, path, write_boxes(path, read_liberty(liberty_path)))
 
 
 @pytest.mark.verify
-def test_the_whole_machine(library):
-    """Parts sum to the whole machine; its longest path crosses parts and is within the limit."""
+def test_the_whole_machine(library, tmp_path):
+    """Parts sum to the whole machine; its longest path crosses parts and is within the limit. Its
+    netlist is legal Verilog."""
     hierarchy = machine_gates.netlist(TINY)
     parts, whole = machine_silicon(hierarchy, library, lambda *_: None)
     assert whole.netlist.area == pytest.approx(sum(each.um2 for each in parts))
@@ -169,11 +174,19 @@ def test_the_whole_machine(library):
 
     assert 30 < whole.facts["longest"]["fo4"] < SMALL_FO4_MAX
 
+    path = tmp_path / "top.v"
+    path.write_text(verilog(whole.netlist, "top"))
+    assert not errors("top", path, write_boxes(path, library), by=[slang, icarus, verilator])
+
 
 @needs_libraries
 @pytest.mark.verify
-def test_depth_of_the_whole_machine():
-    """The machine at full size, in the first installed library."""
+def test_depth_of_the_whole_machine(tmp_path):
+    """The machine at full size, in the first installed library; its netlist is legal Verilog."""
     library = read_liberty(liberty_files()[0])
     _, whole = machine_silicon(machine_gates.netlist(DEFAULT), library, lambda *_: None)
     assert whole.facts["longest"]["fo4"] < WHOLE_FO4_MAX
+
+    path = tmp_path / "top.v"
+    path.write_text(verilog(whole.netlist, "top"))
+    assert not errors("top", path, write_boxes(path, library), by=[slang])

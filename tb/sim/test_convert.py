@@ -8,7 +8,9 @@ from amaranth.hdl import Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from splatcore.eda.deliver.names import readable
 from splatcore.sim.rtl.convert import converted
+from tb.helpers.front_ends import read_slang
 from tb.helpers.runs import needs_icarus
 
 BENCH = """
@@ -51,6 +53,12 @@ def test_every_block_runs_before_the_first_edge(standard, tmp_path):
         ["vvp", "bench"], cwd=tmp_path, check=True, capture_output=True, text=True
     )
     assert done.stdout.split() == ["01011010", "11101000"]
+
+
+def test_yosys_reads_it(tmp_path):
+    """slang in yosys knows few statements in `initial`, and no names like `\\$1`."""
+    (tmp_path / "top.v").write_text(readable(converted(Still(), emit_src=True)))
+    assert not read_slang("top", tmp_path / "top.v")
 
 
 def test_garbage_collection_is_restored():
