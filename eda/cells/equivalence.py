@@ -30,16 +30,20 @@ opt_clean
 """
 """ANDs, inverters and flip-flops; no register may be removed as unused or constant."""
 
+MERGED = "opt_dff -nosdff\nopt_merge\ndffunmap\nsimplemap\nsetattr -set keep 1 t:$_DFF_*"
+"""As in synthesis, registers of the RTL with equal inputs become one."""
+
 READ = (
     "read_rtlil top.il\nread_verilog -lib macros.v\nhierarchy -top top\nproc\n"
-    + GATES.format(more="opt_dff -nosdff\nopt_merge\ndffunmap\nsimplemap\nsetattr -set keep 1 t:$_DFF_*")
+    + GATES.format(
+        more="opt_dff -nosdff\nopt_merge\ndffunmap\nsimplemap\nsetattr -set keep 1 t:$_DFF_*"
+    )
     + "write_json rtl.json\ndesign -reset\nread_liberty -ignore_miss_func cells.lib\n"
     + "read_verilog -lib macros.v\nread_verilog netlist.v\nhierarchy -top top\nproc\n"
     + GATES.format(more="opt_expr\nopt_dff -nodffe -nosdff")
     + "write_json netlist.json\n"
 )
-"""`opt_dff` removes resets of cells that are
-tied to a constant."""
+"""In the netlist, resets of cells that are tied to a constant are removed."""
 
 ABC = """\
 write_blif any.blif
@@ -180,11 +184,12 @@ def _registers(logic: Logic, cells: Logic, library: Library) -> dict[str, tuple[
     names, unknown = {}, set(cells.registers)
     for text, net in cells.names.items():
         name = _plain(re.sub(rf"\.({states})$", "", text))
+        name = name if name in own else name.removesuffix("_reg")
         if net in unknown and name in own:
             names[name] = (own[name], net)
             unknown.remove(net)
     if unknown:
-        some = [n for n, net in cells.names.items() if net in unknown and re.search(rf"\.({states})$", n)]
+        some = [name for name, net in cells.names.items() if net in unknown]
         raise DifferenceError(f"{len(unknown)} registers are not in the RTL: {_few(some)}")
     return names
 
@@ -197,7 +202,7 @@ def _miter(
     constants: registers of the RTL with their supposed values; the output of each is called by
         its net
     """
-    lines, inputs, outputs = [], {}, {}
+    lines, outputs = [], {}
 
     def table(nets: list[str], output: str, *rows: str):
         lines.append(" ".join([".names", *nets, output]))
