@@ -7,7 +7,6 @@ from numba import njit
 
 from splatcore.golden.arithmetic import convert, to_fixed
 from splatcore.golden.batches import in_batches
-from splatcore.golden.codes import encode
 from splatcore.golden.footprint import footprints
 from splatcore.spec import feature
 from splatcore.spec import group as records
@@ -16,8 +15,7 @@ from splatcore.spec.colour import CHANNELS, scaled_colours, unscaled_colour_form
 from splatcore.spec.config import Config
 from splatcore.spec.depth import depth_keys
 from splatcore.spec.memory import OPACITY
-from splatcore.spec.number import Fixed, Float
-from splatcore.spec.point import splat_record
+from splatcore.spec.number import Fixed
 from splatcore.spec.record import Codes
 
 PAGE_MAX = (1 << PAGE_BITS) - 1
@@ -108,19 +106,6 @@ def features(config: Config, splats: Codes) -> Codes:
         codes = feature.short_colours(config, scaled_colours(codes.astype(np.int64)), np.where)
         found[channel] = codes.astype(np.uint64)
     return found
-
-
-def splat_codes(config: Config, values: dict[str, np.ndarray]) -> Codes:
-    """Return the codes of `splat_record`, from the values of `golden.project`."""
-    found = dict(values)
-    for channel in CHANNELS:
-        found.setdefault(channel, found.get(f"colour_{channel}"))
-    return {
-        name: encode(format, found[name])
-        if isinstance(format, Float)
-        else format.encode(found[name])
-        for name, format in splat_record(config).fields
-    }
 
 
 def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int, pages: int):

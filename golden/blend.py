@@ -49,6 +49,7 @@ class Machine(NamedTuple):
     dropped: int  # from a sum to the result
     visible: int  # from a sum to 8 bits
     background: np.ndarray  # [3] codes
+    rgba: bool  # a pixel has alpha, and no background
 
 
 class Tile(NamedTuple):
@@ -59,7 +60,7 @@ class Tile(NamedTuple):
     level: np.ndarray
 
 
-def constants(config: Config, background, mark_all: bool, rounded: bool) -> Machine:
+def constants(config: Config, background, mark_all: bool, rounded: bool, rgba: bool) -> Machine:
     """Return the constants of a machine; `mark_all`: with one level, at which E marks all."""
     pixel, bits = config.pixel_fraction, config.transmittance
     rule = config.faint or Faint(bits + 1, bits, bits)
@@ -89,7 +90,8 @@ def constants(config: Config, background, mark_all: bool, rounded: bool) -> Mach
         product=config.weight + config.colour_fraction - config.sum_fraction,
         dropped=config.sum_fraction - 8 if rounded else 0,
         visible=config.sum_fraction - 8,
-        background=np.array(background),
+        background=np.array((0, 0, 0) if rgba else background),
+        rgba=rgba,
     )
 
 
@@ -246,9 +248,12 @@ def _blend(pixel, exponent, colour, machine):
 
 @njit(cache=True)
 def _finish(pixel, machine, out):
-    """Write a pixel's colour over the background, at most 255, rounded to nearest."""
+    """Write a pixel's colour over the background, at most 255, rounded to nearest; and alpha."""
     weight, product, dropped = pixel.rest >> machine.narrower, machine.product, machine.dropped
     most = 255 << machine.visible - dropped
     for k in range(3):
         behind = weight * machine.background[k] + (1 << product - 1) >> product
         out[k] = min(pixel.sum[k] + behind + (1 << dropped >> 1) >> dropped, most)
+    if machine.rgba:
+        unit = machine.full + 1
+        out[3] = (255 * (machine.full - pixel.rest) + unit // 2) // unit

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats, splat_codes
+from splatcore.golden.bin import PAGE_MAX, Binned, bin_splats
 from splatcore.golden.points import Points, project_points
 from splatcore.golden.raster import Entries, Raster, rasterize
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.renderable import check_renderable
+from splatcore.spec.renderable import check_format, check_renderable
 
 STEPS = ("projecting", "binning", "sorting", "rasterizing")
 """Steps of `render`, in their order."""
@@ -40,7 +40,7 @@ class Frame:
 
     @property
     def pixels(self) -> np.ndarray:
-        """The 8-bit image [H, W, 3]."""
+        """The 8-bit image [H, W, 3], or [H, W, 4] with alpha and premultiplied colour."""
         return self.raster.pixels
 
     @property
@@ -64,26 +64,29 @@ def render(
     model: PackedModel,
     camera: Camera,
     background: tuple[int, int, int] = (0, 0, 0),
+    rgba: bool = False,
     pages: int = PAGE_MAX,
     progress: Callable[[str], object] = str,
 ) -> Frame:
     """Render one frame.
 
-    background: codes of `spec.colour.colour_format`, red, green, blue
+    background: codes of `spec.colour.colour_format`, red, green, blue; ignored for `rgba`
+    rgba: render with alpha (`spec.work`)
     pages: pages of list memory
     progress: called with each of `STEPS` as it begins
-    Raises InputError for a model that the machine does not render.
+    Raises InputError for a model or a format that the machine does not render.
     """
     check_renderable(config, model)
+    check_format(config, rgba)
     progress("projecting")
     points = project_points(config, model, camera, whole=False)
     progress("binning")
     size = camera.width, camera.height
-    binned = bin_splats(config, splat_codes(config, points.projected), *size, pages)
+    binned = bin_splats(config, points.codes, *size, pages)
     progress("sorting")
     order = np.lexsort((binned.entries["key"], binned.group))  # equal keys stay in arrival order
     start = np.searchsorted(binned.group[order], np.arange(len(binned.lists.count) + 1))
     entries = Entries(start, binned.entries["splat"][order], binned.entries["mask"][order])
     progress("rasterizing")
-    raster = rasterize(config, binned.features, entries, size, background)
+    raster = rasterize(config, binned.features, entries, size, background, rgba)
     return Frame(points, binned, order, entries, raster)

@@ -14,6 +14,7 @@ from splatcore.golden.codes import decode, encode, round_values
 from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
+from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import Config
 from splatcore.spec.depth import finer, narrowed
 from splatcore.spec.frame import FrameConstants, frame_constants
@@ -23,6 +24,7 @@ from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.point import splat_record
 from splatcore.spec.programs import CORNER_STEPS, CORNERS
+from splatcore.spec.record import Codes
 
 RAY = ("ray_x", "ray_y", "ray_z")
 """Names of the vector from the camera to a point, world axes."""
@@ -45,6 +47,7 @@ class Points:
     step: np.ndarray  # [N] uint8, the last step of each point of these chunks
     inside: np.ndarray  # [L] Gaussians that enter the projection
     index: np.ndarray  # [M] Gaussians in `projected`: `inside`; without culling, those in front
+    codes: Codes  # [M] of `splat_record`
     projected: Values  # [M] values of the projection
     culled: Values  # [N] values of the cull program, for the points that are read
     placed: Values  # [K] values of the place program, for the points that stage 0 kept
@@ -65,20 +68,20 @@ def project_points(
 ) -> Points:
     """Run stages 0 and 1 on a whole model.
 
-    whole: keep all values of all programs; else only those in `splat_record`
+    whole: keep the values of the point programs too
     """
     exponents = model.value("position_exponent"), model.value("factor_exponent")
     frame = frame_constants(config, camera, *exponents, model.antialiased)
     chunks, read = chunk(config, frame, model)
     kept, count = np.flatnonzero(read), int(chunk_sizes(len(model)) @ read)
 
-    def work(batch: slice) -> tuple[Values | np.ndarray, ...]:
+    def work(batch: slice) -> tuple[Values | Codes | np.ndarray, ...]:
         points = numbers(kept, np.arange(*batch.indices(count)))
         return _batch(config, frame, model, chunks, points, whole)
 
-    step, inside, index, *values = zip(*in_batches(work, count), strict=True)
+    step, inside, index, *fields = zip(*in_batches(work, count), strict=True)
     arrays = map(np.concatenate, (step, inside, index))
-    return Points(frame, chunks, read, *arrays, *map(_joined, values))
+    return Points(frame, chunks, read, *arrays, *map(_joined, fields))
 
 
 def numbers(chunks: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -90,7 +93,7 @@ def numbers(chunks: np.ndarray, places: np.ndarray) -> np.ndarray:
 def _batch(
     config: Config, frame: FrameConstants, model: PackedModel, chunks: Values, points: np.ndarray,
     whole: bool,
-) -> tuple[Values | np.ndarray, ...]:  # fmt: skip
+) -> tuple[Values | Codes | np.ndarray, ...]:  # fmt: skip
     """Return the fields of `Points` from `step` on for some of the points."""
     fields = rays(finer(config), frame, model, points)
     fields |= {name: chunks[name][points // CHUNK] for name in SHARED}
@@ -109,18 +112,24 @@ def _batch(
     step = kept.astype(np.uint8)
     step[kept] += inside
     step[np.flatnonzero(step == INSIDE)[seen]] = SPLAT
-    if not whole:
-        names = {
-            name
-            for field in dict(splat_record(config).fields)
-            for name in (field, f"colour_{field}")
-        }
-        projected = {name: found for name, found in projected.items() if name in names}
-        culled, placed = {}, {}
-    return step, chosen, chosen[seen], projected, culled, placed
+    values = (projected, culled, placed) if whole else ({}, {}, {})
+    return step, chosen, chosen[seen], splat_codes(config, projected), *values
 
 
-def _joined(batches: Sequence[Values]) -> Values:
+def splat_codes(config: Config, values: Values) -> Codes:
+    """Return the codes of `splat_record`, from the values of `golden.project`."""
+    found = dict(values)
+    for channel in CHANNELS:
+        found.setdefault(channel, found.get(f"colour_{channel}"))
+    return {
+        name: encode(format, found[name])
+        if isinstance(format, Float)
+        else format.encode(found[name])
+        for name, format in splat_record(config).fields
+    }
+
+
+def _joined(batches: Sequence[Values | Codes]) -> Values | Codes:
     """Return the values of all batches together; constants are the same in each."""
     return {
         name: np.concatenate([values[name] for values in batches]) if np.ndim(first) else first

@@ -13,6 +13,7 @@ from splatcore.golden.blend import blend_group, constants
 from splatcore.golden.setup import prepare
 from splatcore.spec.config import Config
 from splatcore.spec.group import group_grid
+from splatcore.spec.work import pixel_bytes
 
 
 def _record(names: str) -> np.dtype:
@@ -60,7 +61,8 @@ class Entries(NamedTuple):
 class Raster(NamedTuple):
     """A rasterized frame."""
 
-    pixels: np.ndarray  # [H, W, 3] uint8, or unrounded sums (int64)
+    # [H, W, 3] uint8, or unrounded sums (int64); [H, W, 4] with alpha, the colour premultiplied
+    pixels: np.ndarray
     work: np.ndarray  # [groups, rasterizers] of `WORK`
     pairs: np.ndarray  # [groups] of `PAIRS`
     # [tiles of all entries' masks] int64, in the order of the entries and their tiles: one bit per
@@ -80,6 +82,7 @@ def rasterize(
     entries: Entries,
     size: tuple[int, int],
     background: tuple[int, int, int] = (0, 0, 0),
+    rgba: bool = False,
     mark_all: bool = False,
     rounded: bool = True,
 ) -> Raster:
@@ -87,7 +90,8 @@ def rasterize(
 
     features: codes [M] of `spec.feature.feature_record`
     size: width and height, pixels
-    background: codes of `spec.colour.colour_format`, red, green, blue
+    background: codes of `spec.colour.colour_format`, red, green, blue; ignored for `rgba`
+    rgba: with alpha, always 8 bits, and without background
     mark_all: leave no block out, which must render the same picture
     rounded: False for the sums themselves, `sum_fraction` − 8 bits finer than pixels
     """
@@ -95,13 +99,13 @@ def rasterize(
     rows, columns = group_grid(config, width, height)
     first = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
     frame = Raster(
-        np.zeros((height, width, 3), np.uint8 if rounded else np.int64),
+        np.zeros((height, width, pixel_bytes(rgba)), np.uint8 if rounded else np.int64),
         np.zeros((rows * columns, config.rasterizers), WORK),
         np.zeros(rows * columns, PAIRS),
         np.full(first[-1], -1, np.int64),
     )
     entries = Entries(entries.start, entries.splat.astype(np.int64), mask)
-    machine = constants(config, background, mark_all, rounded)
+    machine = constants(config, background, mark_all, rounded, rgba)
     with parallel_chunksize(GROUPS_PER_CHUNK):
         _rasterize_groups(prepare(config, features), entries, first, columns, machine, frame)
     return frame

@@ -66,14 +66,15 @@ class Splats:
 class Frame:
     """A rendered frame."""
 
-    image: np.ndarray  # [H, W, 3] linear RGB, not clipped
+    # [H, W, 3] linear RGB, not clipped; [H, W, 4] with alpha, the colour premultiplied
+    image: np.ndarray
     transmittance: np.ndarray  # [H, W] weight of the background
     tile_list: np.ndarray  # [⌈H/16⌉, ⌈W/16⌉] splats in each tile's list
     counts: dict[str, int | float]  # amounts of work by name, see `docs/json.md`
 
     @property
     def pixels(self) -> np.ndarray:
-        """The 8-bit image [H, W, 3]: clipped to [0, 1], rounded to nearest."""
+        """The 8-bit `image`: clipped to [0, 1], rounded to nearest."""
         return np.rint(np.clip(self.image, 0, 1) * 255).astype(np.uint8)
 
 
@@ -82,6 +83,7 @@ def render(
     camera: Camera,
     convention: Convention = SPLATCORE,
     progress: Progress | None = None,
+    rgba: bool = False,
 ) -> Frame:
     """Render one frame; Gaussians that hold NaN or Inf are left out and counted.
 
@@ -89,7 +91,8 @@ def render(
     camera: the view
     convention: the renderer's choices
     progress: called with the number of tiles done and of all tiles
-    Returns the image in linear RGB, float64.
+    rgba: with alpha = 1 − T, and without background
+    Returns the image in linear RGB or RGBA, float64.
     """
     splats, counts = project(gaussians, camera, convention)
     lists = tile_lists(splats, camera, convention)
@@ -108,7 +111,10 @@ def render(
         "pixels_ended": work["ended"],
     }
     image, through = found.image, found.transmittance
-    image += through[..., None] * np.asarray(convention.background, np.float64)
+    if rgba:
+        image = np.concatenate([image, 1 - through[..., None]], axis=2)
+    else:
+        image += through[..., None] * np.asarray(convention.background, np.float64)
     return Frame(image, through, lengths.reshape(tile_grid(camera)), counts)
 
 

@@ -160,6 +160,11 @@ class Frame(wiring.Component):
             for name in ("scratch", "pixels", "stride"):
                 m.d.sync += job[name].eq(frame[name] >> BEAT_BITS)
             for name in COLOURS:
-                m.d.sync += job.background[name].eq(frame[f"background_{name}"])
+                colour = frame[f"background_{name}"]
+                if self.config.rgba:
+                    colour = Mux(frame["format"], 0, colour)
+                m.d.sync += job.background[name].eq(colour)
+            if self.config.rgba:
+                m.d.sync += job.rgba.eq(frame["format"])
             for name in area_windows(self.config, READING, WRITING):
                 m.d.sync += job.windows[name].eq(frame[f"{name}_high"])

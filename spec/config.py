@@ -159,6 +159,7 @@ class Config:
     # Faintness rule (`spec.raster`): the thresholds are 2^−dark, 2^−taken, 2^−ends. Three numbers
     # become a `Faint`; () is 3DGS's rule.
     faint: Faint | tuple[()] = FAINT
+    rgba: bool = False  # also writes images with alpha: register FORMAT, `spec.work`
 
     codebook: int = 8 * KB  # bytes of the codebook memory on chip
 

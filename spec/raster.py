@@ -38,7 +38,7 @@ from splatcore.spec.feature import FACTOR, POSITION, SCALE_MAX, SHEAR, feature_r
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.number import Bits, Fixed
 from splatcore.spec.record import Array, Format, Record
-from splatcore.spec.work import PIXEL
+from splatcore.spec.work import PIXEL, pixel_bytes
 
 BLOCKS = TILE // BLOCK
 """Blocks per side of a tile."""
@@ -173,17 +173,6 @@ def _place(config: Config, side: int) -> dict[str, Bits]:
     return {"column": bits, "row": bits}
 
 
-def background_code(config: Config, colour):
-    """Return a pixel's 8 bits if only the background is visible; of integers or hardware values.
-
-    Rounded as in stage 3: the weight of T = 1, rounded to a pixel's colour, then to 8 bits.
-    """
-    product = config.weight + config.colour_fraction - config.sum_fraction
-    coarser = config.sum_fraction - 8
-    total = ((colour << config.weight) - colour + (1 << product - 1)) >> product
-    return (total + (1 << coarser - 1)) >> coarser
-
-
 def pair_record(config: Config) -> Record:
     """A splat and one of its tiles: the tile's place in the image, in tiles, and in the group."""
     tile = {"tile": tile_format(config), "end": Bits(1)}
@@ -204,8 +193,9 @@ def marked_record(config: Config, blocks: Format) -> Record:
 
 
 def pixels_record(config: Config) -> Record:
-    """A finished block: its pixels row by row."""
-    return Record("pixels", {"pixels": Array(Array(Bits(8), 3), BLOCK**2)})
+    """A finished block: its pixels row by row, with alpha if the machine can write it."""
+    pixel = Array(Bits(8), pixel_bytes(config.rgba))
+    return Record("pixels", {"pixels": Array(pixel, BLOCK**2)})
 
 
 def exponent_min(fraction: int) -> int:
@@ -286,7 +276,8 @@ def span_blocks(config: Config) -> int:
 
 def spans_meet(config: Config) -> bool:
     """Whether two neighbouring spans fill beats of the port and share one of them. Then they are
-    written one after the other, and the first waits with its part of that beat.
+    written one after the other, and the first waits with its part of that beat. Spans with alpha
+    never share one: they have 16, 32 or 64 bytes.
     """
     size, beat = span_blocks(config) * BLOCK * PIXEL, port_bytes(config)
     several = config.group * BLOCKS > span_blocks(config)

@@ -111,8 +111,12 @@ ALIGNED = {
 }
 """Registers of a frame that must be multiples of a number of bytes: name → bytes."""
 
-WIDE = 1 << 16
-"""Bit of VERSION: addresses have 64 bits, so the registers of `high_registers` exist."""
+WIDE, ALPHA = 1 << 16, 1 << 17
+"""Bits of VERSION: addresses have 64 bits, so the registers of `high_registers` exist; the register
+FORMAT exists."""
+
+RGBA = 1 << 0
+"""Bit of FORMAT: pixels have alpha (`spec.work`)."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,8 @@ def control_registers(config: Config) -> list[Register]:
     version, about = VERSIONS[config.compensates], "newest model version that the machine reads"
     if window_bits(config):
         version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
+    if config.rgba:
+        version, about = version | ALPHA, f"{about}; FORMAT exists << 17"
     return [
         Register("ID", 32, "read", "the letters SPLT", MAGIC),
         Register("VERSION", max(16, version.bit_length()), "read", about, version),
@@ -180,6 +186,8 @@ def frame_registers(config: Config) -> list[Register]:
         "PIXELS": (ADDRESS_BITS, "address of the image"),
         "STRIDE": (STRIDE_BITS, rows),
     }
+    if config.rgba:
+        found["FORMAT"] = 1, "format of pixels: RGBA, or RGB"
     for name in COLOURS:
         about = f"background {name}, units of 2^-{colour.fraction}·255/256"
         found[f"BACKGROUND_{name.upper()}"] = colour.width, about

@@ -1,4 +1,4 @@
-"""Compatibility of packed models with machines."""
+"""Compatibility of packed models and formats of pixels with machines."""
 
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
@@ -27,3 +27,9 @@ def check_renderable(config: Config, model: PackedModel):
         return
     advice = f"splatcore pack SCENE --preset {config.name} -o MODEL"
     raise InputError(f"{model.name}: {why}; repack the scene: {advice}")
+
+
+def check_format(config: Config, rgba: bool):
+    """Raise InputError if pixels with alpha are requested from a machine without them."""
+    if rgba and not config.rgba:
+        raise InputError(f"preset {config.name}: rgba is false, so it renders no alpha (--rgba)")

@@ -5,8 +5,10 @@ The host provides two work areas, `WORK_AREA` bytes apart, which frames take in 
     groups' table │ list pages │ features
 
 each beginning at a multiple of `WORK_ALIGNMENT` (`Work`). The scratch memory for sorting long lists
-is separate, as only the second half uses it, and so is the image: rows of `STRIDE` bytes; a pixel
-is red, green and blue, 8 bits each.
+is separate, as only the second half uses it, and so is the image: rows of `STRIDE` bytes. A pixel
+is red, green and blue, 8 bits each. If register FORMAT is `RGBA` (machines with `Config.rgba`), a
+fourth byte has alpha, 1 − T (`spec.pixel.alpha_code`), and the colour is premultiplied and without
+the background, whose registers are ignored.
 """
 
 from dataclasses import dataclass
@@ -28,8 +30,8 @@ SLOT = ENTRY_BITS // 8
 FEATURE = BEAT
 """Bytes of a splat's features."""
 
-PIXEL = 3
-"""Bytes of a pixel."""
+PIXEL, PIXEL_RGBA = 3, 4
+"""Bytes of a pixel, and of one with alpha."""
 
 STRIDE_BITS = 16
 """Width of a stride: the bytes from one row of the image to the next."""
@@ -80,6 +82,11 @@ def aligned(size: int) -> int:
     return -(-size // WORK_ALIGNMENT) * WORK_ALIGNMENT
 
 
-def stride(width: int) -> int:
+def pixel_bytes(rgba: bool) -> int:
+    """Return the bytes of a pixel, which are also its channels."""
+    return PIXEL_RGBA if rgba else PIXEL
+
+
+def stride(width: int, rgba: bool = False) -> int:
     """Return the minimum bytes from one row of an image to the next."""
-    return -(-width * PIXEL // STRIDE_ALIGNMENT) * STRIDE_ALIGNMENT
+    return -(-width * pixel_bytes(rgba) // STRIDE_ALIGNMENT) * STRIDE_ALIGNMENT

@@ -1,5 +1,5 @@
-"""Order of the test files: the slowest first, so that all processes finish together; the file of
-the small cell library, for `tb/eda` and `tb/study`."""
+"""Order of the test files: the slowest first, so that all processes finish together; long tests
+that belong to `make verify`; the file of the small cell library, for `tb/eda` and `tb/study`."""
 
 import json
 from collections import defaultdict
@@ -12,9 +12,14 @@ SECONDS = Path(__file__).parent / "seconds.json"
 
 LONG = 0.3  # seconds
 
+VERIFY = Path(__file__).parent / "verify.txt"
+"""Tests that get the mark `verify`, one per line: 6 s of CPU or more, and not the only ones of a
+part or of a command."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
+    parser.addoption("--long", action="store_true", help=f"no mark for tests in {VERIFY.name}")
     parser.addoption("--quick", action="store_true", help=f"no test that takes {LONG} s or more")
 
 
@@ -39,9 +44,14 @@ class Recorder:
         SECONDS.write_text(json.dumps(ordered, indent=1) + "\n")
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m selects by mark
 def pytest_collection_modifyitems(config: pytest.Config, items: list) -> None:
-    """Put tests of slow files first; xdist needs `--no-loadscope-reorder` for it. With --quick,
-    leave out long tests."""
+    """Mark the tests of `VERIFY`. Put tests of slow files first; xdist needs
+    `--no-loadscope-reorder` for it. With --quick, leave out long tests."""
+    long = set() if config.getoption("long") else set(VERIFY.read_text().splitlines())
+    for item in items:
+        if item.nodeid in long:
+            item.add_marker(pytest.mark.verify)
     seconds = json.loads(SECONDS.read_text())
     items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], 0))
     if config.getoption("quick"):

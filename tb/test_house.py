@@ -1,6 +1,7 @@
 """The rules of the house: which package imports which, and the length of files and functions."""
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -173,6 +174,15 @@ def test_short_files_and_functions():
                 if isinstance(node, ast.FunctionDef):
                     length = node.end_lineno - node.lineno + 1
                     assert length <= FUNCTION_LINES, f"{path}: {node.name} has {length} lines"
+
+
+def test_long_tests_exist():
+    """`tb/verify.txt` names tests that exist, in alphabetical order."""
+    names = (ROOT / "tb/verify.txt").read_text().splitlines()
+    assert names == sorted(set(names))
+    for name in names:
+        path, function = name.split("[")[0].split("::")
+        assert re.search(rf"^(def )?{function}\b", (ROOT / path).read_text(), re.M), name
 
 
 def test_no_large_files():

@@ -16,7 +16,7 @@ from splatcore.app.cli.commands import COMMANDS, GROUPS, example
 from splatcore.model.formats.camera_file import split_id
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.pack.quality import LEAST_DB, QUALITIES, UNLEARNED
-from splatcore.sim.common.choice import check_known, parse_colour
+from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.option import SCENE, argument, option
 from splatcore.sim.common.output import (
     check_distinct,
@@ -292,9 +292,6 @@ QUALITY = option(
     "NAME",
     f"Packing of a scene: {', '.join(QUALITIES)}. {SMALLEST} in the view.",
     panel=MACHINE,
-)
-BACKGROUND = option(
-    "0,0,0", "R,G,B", "Background colour, each 0 … 1.", panel=PICTURE, read=parse_colour
 )
 ENGINE = option("reference", "NAME", f"{', '.join(ENGINES)}.", panel=MACHINE)
 NEW_FOLDER = option(..., "DIR", "Folder to write into.")

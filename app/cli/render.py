@@ -2,13 +2,14 @@
 
 import time
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from splatcore.app.cli import describe, options, path
+from splatcore.app.cli.background import Background
 from splatcore.app.cli.options import inputs_of, option
 from splatcore.app.cli.video import check_encoder, video
 from splatcore.sim.common.choice import check_known
@@ -57,7 +58,7 @@ class Film:
         panel=VIDEO,
     )
 
-    def check(self, cameras: str | None, engine: str, compare: bool):
+    def check(self, cameras: str | None, engine: str, compare: bool, rgba: bool):
         """Raise InputError for options that do not go together, or a missing encoder."""
         for name, value in asdict(self).items():
             if value != getattr(Film, name) and not (self.video and cameras):
@@ -69,6 +70,8 @@ class Film:
             if engine != "golden" or not compare:
                 raise InputError("--beside: goes with --engine golden, without --no-compare")
         if self.video:
+            if rgba:
+                raise InputError("--rgba: no --video")
             check_encoder()
 
 
@@ -76,6 +79,7 @@ class Film:
 def render_command(
     view: options.Cameras,
     film: Film,
+    background: Background,
     scene: str = options.SOURCE,
     output: Path | None = option(
         None,
@@ -90,7 +94,6 @@ def render_command(
         "With --engine reference: 3σ tile bounds, as in the original renderer.",
         panel=options.PICTURE,
     ),
-    background: tuple[float, float, float] = options.BACKGROUND,
     heat_map: Path | None = option(
         None, "FILE.png", "With --engine reference: draw the number of splats per tile."
     ),
@@ -112,11 +115,10 @@ def render_command(
     """
     path.check(view, scheduler)
     check_engine(engine, bool(original or heat_map), compare)
-    film.check(view.cameras, engine, compare)
+    film.check(view.cameras, engine, compare, background.rgba)
     if not (output or film.video):
         raise InputError("-o: is missing; it names the picture to write")
-    convention = replace(ORIGINAL if original else SPLATCORE, background=background)
-    machine = {"config": config, "convention": convention}
+    machine = background.shot(config, engine, ORIGINAL if original else SPLATCORE)
     if engine == "rtl":
         from splatcore.app.cli import simulate
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from splatcore.app.cli import describe, options
+from splatcore.app.cli.background import Background
 from splatcore.app.cli.options import RTL, option
 from splatcore.sim.common.output import check_distinct, check_writable, console
 from splatcore.sim.frame.metric import Difference, Result, against, metrics_line
@@ -16,7 +17,6 @@ from splatcore.sim.frame.shot import Shot, judge
 from splatcore.sim.frame.unseen import note_empty
 from splatcore.sim.machine.script import find_timing
 from splatcore.spec.config import Config
-from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 
 if TYPE_CHECKING:
@@ -82,9 +82,9 @@ class Request:
 def simulate_command(
     view: options.Viewing,
     request: Request,
+    background: Background,
     scene: str = options.SOURCE,
     config: Config = options.PRESET,
-    background: tuple[float, float, float] = options.BACKGROUND,
 ) -> dict:
     """Simulate the hardware in RTL: pictures, cycles, waveforms.
 
@@ -92,14 +92,13 @@ def simulate_command(
     same packed model ("machine") and of the original scene ("scene"). Exit status 1 if a pixel
     differs from the golden model's.
     """
-    convention = replace(SPLATCORE, background=background)
-    return run(scene, view, request, config=config, convention=convention)
+    return run(scene, view, request, **background.shot(config, "rtl"))
 
 
 def run(scene: str, view: options.Viewing, request: Request, **machine) -> dict:
     """Simulate frames in RTL, write and compare them; return the result for --json.
 
-    machine: `config` and `convention`
+    machine: of `Background.shot`
     """
     request.check()
     shot = view.open(scene, **machine)

@@ -25,7 +25,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.preset import find_preset
 from splatcore.spec.registers import WORD, ErrorCode, address_values
-from splatcore.spec.work import PIXEL, aligned, page_bytes, scratch_bytes, stride, work
+from splatcore.spec.work import aligned, page_bytes, scratch_bytes, stride, work
 
 MIB = 1 << 20
 
@@ -39,7 +39,7 @@ def place_in(config: Config, model: PackedModel, camera: Camera, at: int, size: 
     features = max(1, len(model))
     scratch = at + aligned(len(model.image))
     image = scratch + aligned(scratch_bytes(config))
-    groups = image + aligned(stride(camera.width) * camera.height)
+    groups = image + aligned(stride(camera.width, config.rgba) * camera.height)
     left = at + size - groups - work(config, 0, features).size
     pages = min(left // page_bytes(config), (1 << PAGE_BITS) - 1)
     if pages < 1:
@@ -92,7 +92,7 @@ def read_board(folder: str) -> tuple[Config, dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Frame:
-    """A rendered frame: pixels [H, W, 3] uint8, and the cycles of both halves."""
+    """A rendered frame: pixels as in `Job.pixels`, and the cycles of both halves."""
 
     pixels: np.ndarray
     preprocessing: int
@@ -198,11 +198,10 @@ class Host(CommUART):
             self.put(name, value)
         progress(0, None, "rendering")
         self._run()
-        row, height = stride(camera.width), camera.height
-        rows = self.fetch(areas.images[0], row * height, labelled("fetching the picture"))
-        pixels = rows.reshape(height, row)[:, : camera.width * PIXEL]
+        size = stride(camera.width, job.rgba) * camera.height
+        image = self.fetch(areas.images[0], size, labelled("fetching the picture"))
         cycles = [self.get(f"{half}_CYCLES") for half in ("PREPROCESSING", "RENDERING")]
-        return Frame(pixels.reshape(height, camera.width, PIXEL), *cycles)
+        return Frame(job.pixels(image), *cycles)
 
     def _run(self):
         """Start a frame and wait for its end; abort it on an error."""

@@ -19,6 +19,7 @@ from splatcore.spec.registers import ErrorCode, Register, frame_registers, high_
 from splatcore.spec.work import (
     FEATURE,
     PIXEL,
+    PIXEL_RGBA,
     SLOT,
     STRIDE_ALIGNMENT,
     WORK_ALIGNMENT,
@@ -49,6 +50,13 @@ BITS = {
             "all pixels of a frame are in memory; FINISHED counts them",
         ),
         "ERROR": (registers.INTERRUPT_ERROR, "an error; ERROR has its code"),
+    },
+    "FORMAT": {
+        "RGBA": (
+            registers.RGBA,
+            "pixels have a fourth byte, alpha; red, green and blue are premultiplied by it, and "
+            "have no background",
+        ),
     },
 }
 """Bits of registers: mask and meaning by name. INTERRUPT_ENABLE has those of INTERRUPT."""
@@ -109,10 +117,11 @@ def write_register_files(config: Config, folder: Path, prefix: str = PREFIX) -> 
     meanings = dict(re.findall(r"^    (\w+) = \d+  # (.*)$", getsource(ErrorCode), re.M))
     whole = {name: bit // 8 for name, bit in HEADER.offsets.items() if bit % 8 == 0}
     places = {name: place for name, place in whole.items() if name != "reserved"}
+    names = registers.addresses(config)
     facts = {
         "config": config,
         "registers": registers.register_map(config),
-        "bits": BITS,
+        "bits": {name: of for name, of in BITS.items() if name in names},
         "errors": {code: meanings.get(code.name, "no error") for code in ErrorCode},
         "details": DETAILS,
         "fields": fields,
@@ -164,7 +173,7 @@ def sizes(config: Config) -> dict[str, int]:
         "SCRATCH_BYTES": scratch_bytes(config),
         "PIXEL_BYTES": PIXEL,
         "STRIDE_ALIGNMENT": STRIDE_ALIGNMENT,
-    }
+    } | ({"PIXEL_RGBA_BYTES": PIXEL_RGBA} if config.rgba else {})
 
 
 def camera_constants(config: Config) -> dict[str, float]:
@@ -185,9 +194,9 @@ def number_facts(format: Float) -> dict[str, int | str]:
     infinity = format.overflow == "infinity"
     least, beyond = (frexp(value)[1] for value in (format.min_normal / 2, format.max))
     if format.subnormal:
-        below = f"(uint32_t)rint(ldexp(size, {format.fraction - least}))"
+        below = f"rint(ldexp(size, {format.fraction - least}))"
     else:
-        below = f"size > least / 2 ? {1 << format.fraction}u : 0u"
+        below = f"size > least / 2 ? {1 << format.fraction}.0 : 0.0"
     return {
         "sign": format.width - 1,
         "least": least,

@@ -29,7 +29,8 @@ static void put_place(struct splatcore_view *view, const struct splatcore_camera
         double place = 0;
         for (int k = 0; k < 3; k++)
             place -= camera->rotation[k][axis] * camera->translation[k];
-        uint64_t steps = (uint64_t)(int64_t)rint(ldexp(place, -grid_exponent));
+        place = rint(ldexp(place, -grid_exponent));
+        uint64_t steps = (uint64_t)(int64_t)place;
         put(view, registers[axis][0], (uint32_t)steps);
         put(view, registers[axis][1], (uint32_t)(steps >> 32) & SPLATCORE_CAMERA_X_HIGH_MASK);
     }
@@ -83,9 +84,13 @@ void splatcore_look(struct splatcore_view *view, const struct splatcore_camera *
 {
     view->width = camera->width;
     view->height = camera->height;
+#ifdef SPLATCORE_FORMAT
+    view->format = 0;
+#endif
     put_place(view, camera, header_field(model, SPLATCORE_MODEL_POSITION_EXPONENT_AT));
     put_lens(view, camera, header_field(model, SPLATCORE_MODEL_FACTOR_EXPONENT_AT));
-    for (uint32_t k = 0; k < 3; k++)
-        put(view, SPLATCORE_BACKGROUND_RED + 4 * k,
-            (uint32_t)rint(background[k] * SPLATCORE_BACKGROUND_FULL));
+    for (uint32_t k = 0; k < 3; k++) {
+        double part = rint(background[k] * SPLATCORE_BACKGROUND_FULL);
+        put(view, SPLATCORE_BACKGROUND_RED + 4 * k, (uint32_t)part);
+    }
 }

@@ -65,6 +65,19 @@ static void write_memory(void *device, const struct splatcore_memory *memory)
     WRITE_ADDRESS(PIXELS, memory->image);
 }
 
+/* Write STRIDE, and FORMAT if it exists. */
+static void write_rows(void *device, const struct splatcore_view *view)
+{
+    uint32_t stride = SPLATCORE_STRIDE_BYTES(view->width);
+
+#ifdef SPLATCORE_FORMAT
+    if (view->format & SPLATCORE_FORMAT_RGBA)
+        stride = SPLATCORE_RGBA_STRIDE_BYTES(view->width);
+    splatcore_write(device, SPLATCORE_FORMAT, view->format);
+#endif
+    splatcore_write(device, SPLATCORE_STRIDE, stride);
+}
+
 int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
                         const struct splatcore_view *view)
 {
@@ -75,7 +88,7 @@ int32_t splatcore_start(void *device, const struct splatcore_memory *memory,
     write_memory(device, memory);
     splatcore_write(device, SPLATCORE_WIDTH, view->width);
     splatcore_write(device, SPLATCORE_HEIGHT, view->height);
-    splatcore_write(device, SPLATCORE_STRIDE, SPLATCORE_STRIDE_BYTES(view->width));
+    write_rows(device, view);
     for (uint32_t k = 0; k < SPLATCORE_VIEW_WORDS; k++)
         splatcore_write(device, SPLATCORE_VIEW_AT + 4 * k, view->words[k]);
     splatcore_write(device, SPLATCORE_CONTROL, SPLATCORE_CONTROL_START);

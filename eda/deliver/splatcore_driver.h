@@ -47,6 +47,9 @@ struct splatcore_memory {
 struct splatcore_view {
     uint32_t width, height;
     uint32_t words[SPLATCORE_VIEW_WORDS];
+#ifdef SPLATCORE_FORMAT
+    uint32_t format; /* 0: red, green, blue; or SPLATCORE_FORMAT_RGBA. splatcore_look sets 0 */
+#endif
 };
 
 /* Returned if the bit ERROR of INTERRUPT is set but ERROR is 0. A write clears all of ERROR, so an

@@ -41,6 +41,11 @@ def write_data(config: Config, write: data.View) -> Value:
     return Cat(write[f"data{k}"] for k in range(config.port // spec.WRITE_BITS))
 
 
+def lanes(strobe: Value) -> Value:
+    """The bits of data to which the bits of a strobe belong."""
+    return Cat(bit.replicate(8) for bit in strobe)
+
+
 def of_half(clients: dict[str, int], half: int) -> int:
     """Mask of the clients that work for a half."""
     return sum(1 << k for k, of in enumerate(clients.values()) if of == half)
@@ -69,7 +74,7 @@ class Axi(wiring.Component):
         self.config = config
         write = layout(spec.write_record(config))
         ports = {
-            "m_axi": Out(axi(config)),  # the port
+            "m_axi": Out(axi(config)),  # the port; written bytes without a strobe are 0
             # one per reader in the order of `READERS`
             "reads": In(stream_of(spec.read_record())).array(len(spec.READERS)),
             # the beats read; a reader that stalls keeps all others waiting
@@ -127,7 +132,7 @@ class Axi(wiring.Component):
         self._address(m, "aw", self.aw.o)
         w = self.w.o
         m.d.comb += [
-            self.m_axi.wdata.eq(w.payload.data),
+            self.m_axi.wdata.eq(w.payload.data & lanes(w.payload.strobe)),
             self.m_axi.wstrb.eq(w.payload.strobe),
             self.m_axi.wlast.eq(w.payload.last),
             self.m_axi.wvalid.eq(w.valid),

@@ -63,11 +63,14 @@ class Check(wiring.Component):
         for name, pixels in sides.items():
             if config.side_max < (1 << len(pixels)) - 1:
                 wrong[name] |= pixels > config.side_max
+        row = frame.width * work.PIXEL
+        if config.rgba:
+            row = Mux(frame["format"], frame.width * work.PIXEL_RGBA, row)
         too_many = groups["width"] * groups["height"] > groups_max(config)
         return [
             wrong["width"] | too_many,
             wrong["height"],
-            (frame.stride < frame.width * work.PIXEL) | (frame.stride % work.STRIDE_ALIGNMENT != 0),
+            (frame.stride < row) | (frame.stride % work.STRIDE_ALIGNMENT != 0),
         ]
 
     def _unaligned(self) -> dict[str, Value]:

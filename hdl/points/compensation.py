@@ -220,6 +220,8 @@ class LogSum(wiring.Component):
 class Fade(wiring.Component):
     """o = a − b, at least 0 and at most `FADE.max`, in steps of opacity as a float.
 
+    Models without compensation multiply `o` by 0 and never load it, so it is reset to a number.
+
     **Timing**: no multiplier; latency 2: difference, float.
     """
 
@@ -237,7 +239,7 @@ class Fade(wiring.Component):
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        cut = Pipeline(m, self.enable, {"difference": 1, "float": 1}).cut
+        cut = Pipeline(m, self.enable, {"difference": 1}).cut
         difference = self.a.as_signed() - self.b.as_signed()
         width = FADE.width
         (steps,) = cut(
@@ -249,5 +251,6 @@ class Fade(wiring.Component):
         fraction = Cat(Const(0, self.format.fraction), (steps << zeros)[: width - 1])
         fraction = fraction[-self.format.fraction :]
         code = Mux(steps.any(), Cat(fraction, exponent, Const(0, 1)), 0)
-        m.d.comb += self.o.eq(*cut("float", code))
+        with m.If(self.enable):
+            m.d.sync += self.o.eq(code)
         return m

@@ -12,6 +12,7 @@ from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.hdl.raster.mark import times
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.pixel import alpha_code
 from splatcore.spec.raster import (
     COLOURS,
     HALVING_BITS,
@@ -22,6 +23,7 @@ from splatcore.spec.raster import (
     transmittance_min,
 )
 from splatcore.spec.record import Record
+from splatcore.spec.work import pixel_bytes
 
 PIXELS = BLOCK**2
 
@@ -73,8 +75,8 @@ class Blend(wiring.Component):
             "giving": Out(1),  # a block to be output is in flight
             "given": Out(1),  # `o` is valid
             "given_block": Out(self.number),  # number of the block at `o`
-            # 8-bit colours of the block's pixels
-            "o": Out(data.ArrayLayout(data.ArrayLayout(8, len(COLOURS)), self.pixels)),
+            # 8-bit colours of the block's pixels, and alpha if the machine has it
+            "o": Out(data.ArrayLayout(data.ArrayLayout(8, pixel_bytes(config.rgba)), self.pixels)),
         }
         if config.logic == "fpga":
             # `block` of the next cycle, unless this one is valid and has to wait
@@ -101,6 +103,8 @@ class Blend(wiring.Component):
         ]
         self._wait(m, asked, read, product)
         self._add(m, stages[-2], stages[-1], parts)
+        if self.config.rgba:
+            self._alpha(m, stored.data, stages)
         return m
 
     def _wait(self, m: Module, *stages: tuple):
@@ -274,3 +278,18 @@ class Blend(wiring.Component):
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 byte = Mux(byte[8:].any(), 255, byte[:8])
                 m.d.comb += self.o[pixel][channel].eq(Mux(taken.untouched, 0, byte))
+
+    def _alpha(self, m: Module, stored: data.View, stages: list[tuple]):
+        """Alpha of a block that is output: of its T before it is reset, in step with its colours.
+
+        stored: T of the block in the first of `stages`
+        """
+        bits = self.config.transmittance
+        alphas = Cat(alpha_code(self.config, pixel[:bits])[:8] for pixel in stored)
+        for number, _ in enumerate(stages[1:]):
+            held = Signal(len(alphas), name=f"alphas{number}", reset_less=True)
+            m.d.sync += held.eq(alphas)
+            alphas = held
+        _, last = stages[-1]
+        for pixel, o in enumerate(self.o):
+            m.d.comb += o[len(COLOURS)].eq(Mux(last.untouched, 0, alphas.word_select(pixel, 8)))

@@ -18,7 +18,8 @@ def job_layout(config: Config) -> data.StructLayout:
     """Layout of a frame's parameters for this half.
 
     Addresses and distances are in beats. `windows` (of its areas) is left out if all memory is one
-    window.
+    window, `rgba` (pixels have alpha; then the background is 0) if the machine has no register
+    FORMAT.
     """
     areas = area_windows(config, READING, WRITING)
     windows = data.StructLayout(dict.fromkeys(areas, window_bits(config)))
@@ -33,4 +34,5 @@ def job_layout(config: Config) -> data.StructLayout:
             "stride": STRIDE_BITS - BEAT_BITS,
         }
         | ({"windows": windows} if areas else {})
+        | ({"rgba": 1} if config.rgba else {})
     )

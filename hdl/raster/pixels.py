@@ -1,4 +1,4 @@
-"""Writes finished blocks to the image in memory: rows of 8-bit red, green and blue."""
+"""Writes finished blocks to the image in memory: rows of 8-bit red, green, blue and maybe alpha."""
 
 from amaranth.hdl import Module
 from amaranth.lib import wiring
@@ -30,9 +30,9 @@ class Pixels(wiring.Component):
                 i (blocks) ──▶ SpanData ── bytes, strobe ──────────┘
 
     **Timing**: a row of a span takes one cycle per beat of the port (4 blocks: 3 of 128 bits; 1 of
-    256 bits, then 2), without a pause between spans. One cycle more per group, and per change to
-    the other group (two if blocks turn out to be missing); two per span outside the image. If the
-    next group is some rows of groups farther down, as many cycles more.
+    256 bits, then 2; with alpha 4 or 2), without a pause between spans. One cycle more per group,
+    and per change to the other group (two if blocks turn out to be missing); two per span outside
+    the image. If the next group is some rows of groups farther down, as many cycles more.
     """
 
     def __init__(self, config: Config):
@@ -83,4 +83,6 @@ class Pixels(wiring.Component):
             self.plain.eq(spans.span.plain),
             self.through.eq(spans.through),
         ]
+        if self.config.rgba:
+            m.d.comb += data.rgba.eq(self.job.rgba)
         return m

@@ -12,10 +12,10 @@ from splatcore.hdl.raster.spans import ROW_BEATS_BITS, row_bytes, span_layout
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.pixel import background_code
 from splatcore.spec.raster import (
     BLOCKS,
     COLOURS,
-    background_code,
     colours,
     owner,
     pixels_record,
@@ -24,9 +24,7 @@ from splatcore.spec.raster import (
 )
 from splatcore.spec.record import Record
 from splatcore.spec.registers import WORD
-from splatcore.spec.work import PIXEL
-
-ROW_BITS = BLOCK * PIXEL * 8  # bits of a row of a block
+from splatcore.spec.work import PIXEL, PIXEL_RGBA, pixel_bytes
 
 
 class SpanData(wiring.Component):
@@ -55,12 +53,16 @@ class SpanData(wiring.Component):
             "bytes": Out(8 * port_bytes(config)),  # the beat
             "strobe": Out(port_bytes(config)),  # one bit per byte: it belongs to the span
         }
+        if config.rgba:
+            ports["rgba"] = In(1)  # pixels have alpha; then `background` is 0
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         size, span, about = port_bytes(self.config), self.span, self.span.about
         heads = self._heads(m)
+        if self.config.rgba:
+            heads = Mux(self.rgba, heads, self._without_alpha(heads))
         segment, begin = heads << (about.skipped * WORD * 8), about.skipped * WORD
         m.d.comb += self.tail.eq(1)
         if self.kept:
@@ -79,7 +81,8 @@ class SpanData(wiring.Component):
     def _heads(self, m: Module) -> Value:
         """The present row of the span's blocks; blocks are taken when the span is done."""
         width, number = span_blocks(self.config), self.span.blocks
-        rows = [i.payload.pixels.as_value().word_select(self.span.row, ROW_BITS) for i in self.i]
+        bits = BLOCK * pixel_bytes(self.config.rgba) * 8  # of a row of a block
+        rows = [i.payload.pixels.as_value().word_select(self.span.row, bits) for i in self.i]
         heads, present = [], []
         takes = [Const(0)] * self.config.rasterizers
         for k in range(width):  # the k-th block of each span of a tile
@@ -93,6 +96,11 @@ class SpanData(wiring.Component):
             m.d.comb += i.ready.eq(self.done & ~self.span.plain & take)
         return Cat(heads)
 
+    def _without_alpha(self, heads: Value) -> Value:
+        """The present row of an image without alpha."""
+        step = PIXEL_RGBA * 8
+        return Cat(heads[at : at + PIXEL * 8] for at in range(0, len(heads), step))
+
     def _left(self, m: Module, heads: Value) -> stream.Interface:
         """The queue of bytes that each row of a span leaves to the next one; returns its output."""
         m.submodules.tails = tails = Queue(8 * self.kept, BLOCK, memory=True)
@@ -101,7 +109,7 @@ class SpanData(wiring.Component):
         last = span.beat == row // port_bytes(self.config) - 1
         m.d.comb += [
             tails.i.valid.eq(own & span.about.keeps & last),
-            tails.i.payload.eq(heads[8 * (row - self.kept) :]),
+            tails.i.payload.eq(heads[8 * (row - self.kept) : 8 * row]),
             tails.o.ready.eq(own & span.about.second & ~span.beat.any()),
         ]
         never_waits(m, "kept", tails.i, "bytes that a span's row leaves to the next span")

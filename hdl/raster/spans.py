@@ -1,5 +1,6 @@
 """Walks over the image span by span: the place of each span, its rows and their bursts."""
 
+from collections.abc import Callable
 from itertools import pairwise
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
@@ -17,7 +18,7 @@ from splatcore.spec.convention import BLOCK
 from splatcore.spec.group import group_pixels
 from splatcore.spec.raster import BLOCKS, position_record, span_blocks, spans_meet, tiles_meet
 from splatcore.spec.registers import WORD
-from splatcore.spec.work import PIXEL
+from splatcore.spec.work import PIXEL, PIXEL_RGBA, pixel_bytes
 
 BURST = data.StructLayout({"beat": axi.BEAT_ADDRESS_BITS, "length": axi.LENGTH_BITS})
 """The burst of a beat, as in `spec.axi.write_record`."""
@@ -26,14 +27,14 @@ ROW_BEATS_BITS = 2
 """A row of a span has at most 4 beats."""
 
 
-def row_bytes(config: Config) -> int:
-    """Bytes of a row of a span."""
-    return span_blocks(config) * BLOCK * PIXEL
+def row_bytes(config: Config, pixel: int = PIXEL) -> int:
+    """Bytes of a row of a span. pixel: bytes of a pixel"""
+    return span_blocks(config) * BLOCK * pixel
 
 
 def span_layout(config: Config) -> data.StructLayout:
     """The present span and beat. about: values that all rows of the span share."""
-    size, row = axi.port_bytes(config), row_bytes(config)
+    size, row = axi.port_bytes(config), row_bytes(config, pixel_bytes(config.rgba))
     about = data.StructLayout({
         "skipped": range(size // WORD),  # words before the span in its first beat
         "behind": range(size + row),  # the byte behind it, counted from that beat's first
@@ -161,10 +162,17 @@ class Spans(wiring.Component):
         down = Cat(in_group, place.row)
         stride = self.job.stride[exact_log2(axi.port_beats(self.config)) :]
         at, reached = self._group_rows(m, plain, stride)
-        at += in_group * BLOCK * stride + (column * row_bytes(self.config) >> exact_log2(self.size))
+        before = self._by_pixel(lambda pixel: column * row_bytes(self.config, pixel))
+        at += in_group * BLOCK * stride + (before >> exact_log2(self.size))
         across = column * span_blocks(self.config) * BLOCK < self.job.width
         m.d.comb += inside.eq(across & (down * BLOCK < self.job.height))
-        return self._about(column), down, at, reached, inside
+        about = self._by_pixel(lambda pixel: self._about(column, pixel))
+        return about, down, at, reached, inside
+
+    def _by_pixel(self, value: Callable[[int], Value]) -> Value:
+        """A value that depends on the bytes of a pixel, for the frame's format."""
+        found = value(PIXEL)
+        return Mux(self.job.rgba, value(PIXEL_RGBA), found) if self.config.rgba else found
 
     def _group_rows(self, m: Module, plain: Value, stride: Value) -> tuple[Value, Value]:
         """Address of the present group's row of groups, in beats of the port, and whether it is
@@ -181,19 +189,21 @@ class Spans(wiring.Component):
         at, reached = (Mux(plain, *each) for each in zip(*found, strict=True))
         return at, reached
 
-    def _about(self, column: Value) -> Value:
-        """The values that all rows of a span share, from its column of spans in the image."""
-        size, row = self.size, row_bytes(self.config)
+    def _about(self, column: Value, pixel: int) -> Value:
+        """The values that all rows of a span share, from its column of spans in the image and the
+        bytes of a pixel.
+        """
+        size, row = self.size, row_bytes(self.config, pixel)
         most = span_blocks(self.config) * BLOCK  # pixels
         # A span begins at a multiple of 4 bytes.
         skipped = (column * (row // WORD))[: exact_log2(size // WORD)]
         if row % size == 0:
             skipped = Const(0, len(skipped))
         below, whole = self.job.width[: exact_log2(most)], self.job.width >> exact_log2(most)
-        behind = skipped * WORD + Mux(column >= whole, below, most) * PIXEL
+        behind = skipped * WORD + Mux(column >= whole, below, most) * pixel
         end = (behind - 1) >> exact_log2(size)
         second, keeps = Const(0), Const(0)
-        if spans_meet(self.config):
+        if spans_meet(self.config) and pixel == PIXEL:
             second = column[0]
             keeps = ~second & (column < (self.job.width - 1) >> exact_log2(most))
             end = Mux(keeps, row // size - 1, end)

@@ -76,13 +76,13 @@ def rendering_cycles(
 
 def write_cycles(config: Config, frame: Frame) -> np.ndarray:
     """Cycles [groups] to write each group's pixels, in rows of a few adjacent blocks."""
-    height, width = frame.pixels.shape[:2]
+    height, width, pixel = frame.pixels.shape
     span, side = span_blocks(config), group_pixels(config)
     rows, columns = group_grid(config, width, height)
     high = np.minimum(height - np.arange(rows) * side, side)
     wide = np.minimum(width - np.arange(columns) * side, side)
-    across, size = -(-wide // (span * BLOCK)), span * BLOCK * PIXEL
-    pairs = across // 2 * spans_meet(config)
+    across, size = -(-wide // (span * BLOCK)), span * BLOCK * pixel
+    pairs = across // 2 * (spans_meet(config) and pixel == PIXEL)
     beats = pairs * (2 * size // port_bytes(config))
     beats += (across - 2 * pairs) * -(-size // port_bytes(config))
     return ((-(-high // BLOCK) * BLOCK)[:, None] * beats[None] + GROUP_TURN).ravel()

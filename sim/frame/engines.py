@@ -16,7 +16,7 @@ from splatcore.spec.error import InputError
 
 
 class Frame(Protocol):
-    """A rendered frame: its 8-bit picture [H, W, 3]."""
+    """A rendered frame: its 8-bit picture [H, W, 3], or [H, W, 4] with premultiplied colour."""
 
     pixels: np.ndarray
 
@@ -25,7 +25,7 @@ def reference(shot: Shot) -> exact.Frame:
     """Render the source as it is, a scene or a model, by the float64 reference."""
     shot.source.check_need("reference", shot.source.drawn)
     with shot.bar("rendering by the reference") as advance:
-        return exact.render(shot.source.drawn, shot.camera, shot.convention, advance)
+        return exact.render(shot.source.drawn, shot.camera, shot.convention, advance, shot.rgba)
 
 
 def golden(shot: Shot) -> pipeline.Frame:

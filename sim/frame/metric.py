@@ -146,7 +146,7 @@ def psnr(image: np.ndarray, reference: np.ndarray) -> float | None:
 
 
 def channel_error(image: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the largest absolute difference of the three channels, [H, W], 0 … 255."""
+    """Return the largest absolute difference of the channels, [H, W], 0 … 255."""
     return np.abs(image.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
 
 

@@ -32,8 +32,20 @@ def read_png(path: str | Path) -> np.ndarray:
         raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
 
 
+def straight(pixels: np.ndarray) -> np.ndarray:
+    """Convert uint8 [H, W, 4] from premultiplied colour to straight alpha, as in PNG.
+
+    colour · 255 / alpha, rounded to nearest, at most 255; 0 where alpha is 0
+    """
+    colour, alpha = pixels[..., :3].astype(np.int32), pixels[..., 3:].astype(np.int32)
+    full = np.minimum((2 * LEVELS * colour + alpha) // np.maximum(2 * alpha, 1), LEVELS)
+    return np.concatenate([full * (alpha > 0), alpha], axis=2).astype(np.uint8)
+
+
 def write_png(path: str | Path, pixels: np.ndarray):
-    """Write uint8 [H, W, 3] as PNG."""
+    """Write uint8 [H, W, 3] as PNG, or [H, W, 4] with premultiplied colour."""
+    if pixels.shape[2] == 4:
+        pixels = straight(pixels)
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=PNG_LEVEL)
     write(path, buffer.getvalue())

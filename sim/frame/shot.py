@@ -52,6 +52,7 @@ class Shot:
     config: the machine
     quality: packing of a scene; None: the smallest that is good enough in this view
     convention: the reference's; its background is also the machine's
+    rgba: whether pictures have alpha, and no background
     bar: shows the progress of packing and rendering
     """
 
@@ -60,6 +61,7 @@ class Shot:
     config: Config = DEFAULT
     quality: str | None = None
     convention: Convention = SPLATCORE
+    rgba: bool = False
     bar: Bar = progress_bar
 
     @classmethod
@@ -77,7 +79,8 @@ class Shot:
     def __reduce__(self):
         """Pickle the scene's name: another process opens it, once for all its frames."""
         source = self.source.name, self.source.reading
-        return _reopened, (source, self.camera, self.config, self.quality, self.convention)
+        more = self.camera, self.config, self.quality, self.convention, self.rgba
+        return _reopened, (source, *more)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -123,7 +126,7 @@ class Shot:
         from splatcore.sim.machine.machine import Job
 
         background = background_codes(self.config, self.convention.background)
-        return Job(self.model, self.camera, background)
+        return Job(self.model, self.camera, background, self.rgba)
 
     @cached_property
     def reference(self) -> np.ndarray:
@@ -139,14 +142,14 @@ class Shot:
 
     def _exact(self, name: str, of: str, drawn: Scene | PackedModel) -> np.ndarray:
         """Render by the reference, unless packing has judged this view by the same picture."""
-        plain = self.convention == SPLATCORE
+        plain = self.convention == SPLATCORE and not self.rgba
         if plain and getattr(self.packed, "camera", None) is self.camera:
             return getattr(self.packed, name)
         self.source.check_need("reference", drawn)
         from splatcore.golden.reference import render
 
         with self.bar(f"rendering the {of} by the reference") as advance:
-            return render(drawn, self.camera, self.convention, advance).pixels
+            return render(drawn, self.camera, self.convention, advance, self.rgba).pixels
 
     @property
     def truths(self) -> dict[str, np.ndarray]:

@@ -96,7 +96,7 @@ def place_areas(
             add(f"features{k}", offsets.size - offsets.features),
         )
     scratch = add("scratch", scratch_bytes(config))
-    largest = max(stride(width) * height for width, height in sizes)
+    largest = max(stride(width, config.rgba) * height for width, height in sizes)
     images = tuple(add(f"image{k}", largest) for k in range(IMAGES))
     if place > 1 << ADDRESS_BITS:
         raise InputError(f"memory of {place - BASE} bytes exceeds the 32-bit address space")

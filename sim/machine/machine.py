@@ -41,7 +41,7 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY, ErrorCode
 from splatcore.spec.stages import BLOCKS
-from splatcore.spec.work import PIXEL, stride
+from splatcore.spec.work import pixel_bytes, stride
 
 FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
@@ -53,11 +53,22 @@ STATE = ("STATUS", "ERROR", "STARTED", "FINISHED", "NEEDED")
 
 
 class Job(NamedTuple):
-    """A frame to render. background: codes of `spec.colour.colour_format`."""
+    """A frame to render.
+
+    background: codes of `spec.colour.colour_format`
+    rgba: whether its pixels have alpha (`spec.work`)
+    """
 
     model: PackedModel
     camera: Camera
     background: tuple[int, int, int] = (0, 0, 0)
+    rgba: bool = False
+
+    def pixels(self, image: np.ndarray) -> np.ndarray:
+        """The pixels [H, W, 3 or 4] of the bytes of an image."""
+        width, height, pixel = self.camera.width, self.camera.height, pixel_bytes(self.rgba)
+        rows = image.reshape(height, -1)[:, : width * pixel]
+        return rows.reshape(height, width, pixel).copy()
 
 
 @dataclass
@@ -65,7 +76,7 @@ class Rendered:
     """A rendered frame; fields that the run did not reach are None or empty.
 
     config: the machine
-    pixels: [H, W, 3] uint8
+    pixels: [H, W, 3] uint8, or [H, W, 4] with alpha, the colour premultiplied
     counters: by register, lower case; those of the second half only in a run's last frame, as the
         next frame may change them before they are read
     started, ready, finished: cycles of its start and of its interrupts
@@ -195,7 +206,7 @@ class Machine:
         models = list({id(job.model): job.model for job in jobs}.values())
         shapes = [(job.camera.width, job.camera.height) for job in jobs]
         areas = place_areas(self.config, models, shapes, **sizes)
-        total = sum(width * height * PIXEL for width, height in shapes)
+        total = sum(job.camera.width * job.camera.height * pixel_bytes(job.rgba) for job in jobs)
 
         def report_progress(cycles: int, written: int):
             progress(cycles, written, total)
@@ -242,7 +253,10 @@ def frame_values(config: Config, job: Job, model: int, areas: Areas, image: int)
     frame = frame_constants(
         config, camera, model_of("position_exponent"), model_of("factor_exponent")
     )
-    values = {"WIDTH": camera.width, "HEIGHT": camera.height, "STRIDE": stride(camera.width)}
+    values = {"WIDTH": camera.width, "HEIGHT": camera.height}
+    values["STRIDE"] = stride(camera.width, job.rgba)
+    if config.rgba:
+        values["FORMAT"] = registers.RGBA * job.rgba
     values |= registers.address_values(config, "MODEL", areas.models[model])
     values |= areas.registers[image]
     values |= registers.address_values(config, "PIXELS", areas.images[image])
@@ -286,7 +300,7 @@ def host_script(
         script.wait(INTERRUPT_FRAME)
         if k + 1 == len(jobs):
             read(k, False)
-        size = stride(job.camera.width) * job.camera.height
+        size = stride(job.camera.width, job.rgba) * job.camera.height
         marks[k]["PIXELS"] = script.save(areas.images[k % IMAGES], size, f"pixels.{k}")
     script.last_part()
     return script, marks, {name: script.read(name) for name in STATE}
@@ -300,8 +314,6 @@ def rendered(report: Report, marks: dict[str, int], job: Job, path: Path) -> Ren
         frame.started = found.pop("START").cycle
     if "PIXELS" in found:
         del found["PIXELS"]
-        height, width = job.camera.height, job.camera.width
-        rows = np.fromfile(path, np.uint8).reshape(height, stride(width))
-        frame.pixels = rows[:, : width * PIXEL].reshape(height, width, PIXEL).copy()
+        frame.pixels = job.pixels(np.fromfile(path, np.uint8))
     frame.counters = {name.lower(): answer.value for name, answer in found.items()}
     return frame

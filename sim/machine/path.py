@@ -11,7 +11,7 @@ from splatcore.sim.machine.script import Timing
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
-from splatcore.spec.work import PIXEL
+from splatcore.spec.work import pixel_bytes
 
 STEP = np.radians(0.25)
 """Angle per frame of a path: half a turn takes 12 seconds at 60 frames per second."""
@@ -47,7 +47,7 @@ def build(config: Config, trace: str = "", source: str | None = None) -> Machine
 
 def simulate(machine: Machine, jobs: list[Job], timing: Timing, label: str, **options) -> Run:
     """Run frames with a progress bar that shows the tiles written and the cycles per second."""
-    begin, tile = time.perf_counter(), TILE**2 * PIXEL
+    begin, tile = time.perf_counter(), TILE**2 * pixel_bytes(jobs[0].rgba)
     with progress_bar(label) as advance:
 
         def progress(cycles: int, written: int, total: int):

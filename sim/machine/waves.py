@@ -41,7 +41,7 @@ class Window:
     cycles: first and last cycle; None for a group
     in_lists: whether the group has a list
     offset: of its list in list memory; without a list, of its entry in the table of groups
-    width: of the image, in pixels
+    shape: of the image's array: height, width, bytes of a pixel
     rectangle: x0, x1, y0, y1 of the group's pixels
     share: its part of all entries of the frame
     """
@@ -49,7 +49,7 @@ class Window:
     cycles: tuple[int, int] | None = None
     in_lists: bool = False
     offset: int = 0
-    width: int = 0
+    shape: tuple[int, int, int] = (0, 0, 0)
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
     share: float = 0.0
 
@@ -62,7 +62,7 @@ class Window:
                 raise InputError(f"--window {window}: the end is before the beginning")
             return cls((first, last))
         column, row = _two(tile, "--tile", ",")
-        height, width = golden.pixels.shape[:2]
+        height, width, _ = shape = golden.pixels.shape
         if not (0 <= column * TILE < width and 0 <= row * TILE < height):
             raise InputError(f"--tile {tile}: outside of the image of {width}x{height}")
         group, _ = place_in_group(config, golden, (column, row))
@@ -72,8 +72,8 @@ class Window:
         if lists.count[group]:
             page = int(lists.page[group]) * page_bytes(config)
             share = float(lists.count[group] / lists.count.sum())
-            return cls(None, True, page, width, rectangle, share)
-        return cls(None, False, group * SLOT, width, rectangle)
+            return cls(None, True, page, shape, rectangle, share)
+        return cls(None, False, group * SLOT, shape, rectangle)
 
     def count(self, run: int, rendering: int) -> int:
         """Estimated number of recorded cycles; a group is read while an earlier one is rasterized.
@@ -90,9 +90,10 @@ class Window:
         """Lines of the program's `settings`."""
         if self.cycles:
             return {"window": f"{self.cycles[0]} {self.cycles[1]}"}
-        x0, x1, y0, y1 = self.rectangle
+        (x0, x1, y0, y1), (_, width, pixel) = self.rectangle, self.shape
         start = areas.region("lists0" if self.in_lists else "groups0").begin + self.offset
-        numbers = start, areas.images[0], stride(self.width), x0 * PIXEL, x1 * PIXEL, y0, y1
+        row = stride(width, pixel > PIXEL)
+        numbers = start, areas.images[0], row, x0 * pixel, x1 * pixel, y0, y1
         return {"watch": " ".join(map(str, numbers))}
 
 

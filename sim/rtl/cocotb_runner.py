@@ -45,6 +45,10 @@ LOG_LINES = 40  # lines of the simulation's log that a failure shows
 COMPLAINT = re.compile("WARNING|ERROR|%Error|error:")
 """Error messages of cocotb, Verilator, Icarus and g++; not Verilator's lint warnings."""
 
+ASSERTION = re.compile(r"^(?:wrong|ERROR): .+$", re.M)
+"""A failed assertion of `hdl.lib.holds`, its message and Icarus's line: Icarus goes on after it and
+ends with status 0. cocotb's lines begin with a time."""
+
 
 def run_testbench(
     component: wiring.Component,
@@ -60,7 +64,7 @@ def run_testbench(
     seed: of Python's `random` in each test and, in Verilator, of the initial values of registers
         and memories; Icarus uses the values in the Verilog
     parameters: JSON values that `parameters()` returns in the testbench
-    Raises AssertionError with the names of failed tests.
+    Raises AssertionError with the names of failed tests and messages of failed assertions.
 
     The build folder is cached by the Verilog. With WAVES=1 in the environment it also gets the
     waveforms.
@@ -175,9 +179,10 @@ def _run(simulator: str, module: str, seed: int, folder: Path, results: Path, lo
     except (RuntimeError, SystemExit) as error:  # the runner's reports of failed tests
         if not xml.exists():
             raise AssertionError(f"{simulator} ended without results\n{_excerpt(log)}") from error
-    failed = failures(xml)
+    printed = log.read_text(errors="replace")
+    failed = failures(xml) + list(dict.fromkeys(ASSERTION.findall(printed)))
     if failed:
-        listed = "\n".join(f"  {line}" for line in failed)
+        listed = "\n".join(f"  {line}" for line in failed[:LOG_LINES])
         raise AssertionError(f"{simulator}, seed {seed}: failed\n{listed}\n{_excerpt(log)}")
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from splatcore.golden.bin import keys, splat_codes
+from splatcore.golden.bin import keys
 from splatcore.golden.exact import entries_of, features_of
 from splatcore.golden.points import Points, project_points
 from splatcore.golden.raster import rasterize
@@ -129,7 +129,7 @@ def keys_of(config: Config, exact: Reference, points: Points) -> np.ndarray:
     """
     if not len(points.index):
         return exact.splats.depth
-    found = keys(config, splat_codes(config, points.projected)).astype(np.float64)
+    found = keys(config, points.codes).astype(np.float64)
     depth = exact.depth[points.index]
     order = np.argsort(depth, kind="stable")
     return np.interp(exact.splats.depth, depth[order], found[order])

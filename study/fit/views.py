@@ -44,9 +44,9 @@ class View:
         return View(self.name, self.model, self.camera.resized(width, height))
 
     def frame(self, config: Config) -> Frame:
-        """The golden frame without the projected values, which the cycle model does not need."""
+        """The golden frame without the splats' codes, which the cycle model does not need."""
         found = render(config, self.model, self.camera)
-        return replace(found, points=replace(found.points, projected={}))
+        return replace(found, points=replace(found.points, codes={}))
 
     def pixels(self, config: Config) -> np.ndarray:
         """The golden model's picture [H, W, 3]."""

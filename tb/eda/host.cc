@@ -21,6 +21,7 @@ int main()
     splatcore_view view = {};
     camera.fx = camera.fy = camera.width = camera.height = 8;
     splatcore_look(&view, &camera, model, background);
-    std::printf("%d %d\n", splatcore_open(registers) == SPLATCORE_NO_DEVICE, (int)view.width);
+    std::printf("%d %u\n", splatcore_open(registers) == SPLATCORE_NO_DEVICE, view.width);
+    std::printf("%d\n", SPLATCORE_WORK_BYTES(2, 3) - SPLATCORE_FEATURES_AT(2) >= SPLATCORE_ALIGNED(1));
     return 0;
 }

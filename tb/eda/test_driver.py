@@ -1,6 +1,7 @@
 """The example driver in C on a simulated register file, against `spec.registers`."""
 
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from splatcore.spec.registers import START, ErrorCode, addresses, register_map
 from splatcore.spec.work import scratch_bytes, stride, work
 from tb.helpers.c_host import STRICT, camera_fields, host_lines
 from tb.helpers.command import ROOT
+from tb.helpers.configs import ALPHA
 
 HOST = ENVIRONMENT.from_string((ROOT / "tb/helpers/driver_host.c.jinja").read_text())
 
@@ -65,8 +67,7 @@ def driven(
     folder: of the machine's register files
     calls: the host's statements after it has opened the driver
     machine: changed fields of the simulated machine; without them the frame succeeds. In pauses:
-        ready_after, from the opening to READY; points and frame_after, from START to READY and to
-        the frame's end
+        ready_after, from the opening to READY; frame_points and frame_tiles, of a frame's halves
     """
     values = dict(zip(("position_exponent", "factor_exponent"), exponents, strict=True))
     codes = {
@@ -74,12 +75,13 @@ def driven(
         for name, format in HEADER.fields
     } | {name: HEADER[name].encode(np.array([value])) for name, value in values.items()}
     given = {"id": "SPLATCORE_ID_VALUE", "version": "SPLATCORE_VERSION_VALUE", "ready_after": 2}
-    given |= {"points": 2, "frame_after": 5, "need": 0, "error": 0} | machine
+    given |= {"finished": 0, "frame_points": 2, "frame_tiles": 3, "need": 0, "error": 0} | machine
     host = HOST.render(
         model=", ".join(map(str, HEADER.pack(codes)[0])),
         camera=camera_fields(view or camera(0)),
         memory=", ".join(map(hex, places(config).values())),
-        machine=", ".join([*map(str, given.values()), *"0000000"]),
+        machine=", ".join([*map(str, given.values()), *"000000000"]),
+        first=registers.FRAME_START,
         calls=calls,
     )
     lines = [tuple(map(int, line.split())) for line in host_lines(folder, host)]
@@ -127,7 +129,17 @@ def test_driver_writes_what_the_spec_says(files):
     assert f"SPLATCORE_SCRATCH_BYTES {scratch_bytes(config)}u" in text
 
 
-@pytest.mark.parametrize(("need", "pages", "failed"), [(12, [7, 12], 0), (21, [7], 8)])
+@pytest.mark.parametrize("rgba", [False, True])
+def test_driver_writes_the_format(rgba, register_files):
+    """FORMAT, RGB unless set, and the smallest STRIDE of the format."""
+    calls = f"view.format = SPLATCORE_FORMAT_RGBA; {FRAME}" if rgba else FRAME
+    run = driven(register_files[ALPHA], camera(0, width=57), ALPHA, calls=calls)
+    at = addresses(ALPHA)
+    assert run.failed == 0 and run.of(at["FORMAT"]) == [rgba]
+    assert run.of(at["STRIDE"]) == [stride(57, rgba)] != [stride(57, not rgba)]
+
+
+@pytest.mark.parametrize(("need", "pages", "failed"), [(12, [7, 12], 0), (21, [7], 0x10008)])
 def test_driver_retries_with_the_needed_pages(tiny_files, need, pages, failed):
     run = driven(tiny_files, need=need)
     assert run.of(addresses(TINY)["LISTS_PAGES"]) == pages
@@ -140,7 +152,7 @@ def test_driver_retries_with_the_needed_pages(tiny_files, need, pages, failed):
         pytest.param({"id": 1}, NO_DEVICE, False, id="another_id"),
         pytest.param({"version": 99}, NO_DEVICE, False, id="another_version"),
         pytest.param({"ready_after": 6}, TIMEOUT, True, id="never_ready"),
-        pytest.param({"frame_after": 6}, TIMEOUT, True, id="never_a_frame"),
+        pytest.param({"frame_tiles": 4}, TIMEOUT, True, id="never_a_frame"),
         pytest.param({"error": 0x2060A}, 0x2060A, False, id="an_error"),
     ],
 )
@@ -156,7 +168,7 @@ def test_failures_are_returned(machine, expected, abort, tiny_files):
 
 @pytest.mark.parametrize("points", [1, 4, 5])
 def test_ready_does_not_end_the_pauses_of_a_wait_for_the_frame(points, tiny_files):
-    assert driven(tiny_files, points=points).failed == 0
+    assert driven(tiny_files, frame_points=points, frame_tiles=5 - points).failed == 0
 
 
 @pytest.mark.parametrize("event", ["READY", "FRAME", "ERROR"])
@@ -177,6 +189,84 @@ def test_an_error_while_the_driver_clears_another_one_is_not_lost(after, second,
     late = f"machine.late = 0x1000B; machine.late_after = {1 + (after == 'write')};"
     run = driven(tiny_files, calls=pending + late + 3 * WAIT)
     assert [*run.results, run.failed] == [0x2060A, second, 0, 0]
+
+
+TWO = """\
+failed = splatcore_ready(&machine, 20);
+for (int k = 0; k < 2; k++) {
+    failed = failed ? failed : splatcore_start(&machine, &memory, &view);
+    failed = failed ? failed : splatcore_ready(&machine, 20);
+}
+"""
+"""Start two frames, the second one while the first is rendered."""
+
+LATER = "for (int k = 0; k < 20; k++) splatcore_pause(&machine);\n"  # both frames end
+EVENTS = 'printf("%d\\n%d\\n", (int)machine.interrupt, (int)machine.held);'
+
+
+def check_finished(folder: Path):
+    """`splatcore_finished` returns when FINISHED is `frames`, modulo 2^16, also if both frames are
+    complete before; and never if a frame is missing."""
+    found = 'printf("%d\\n", (int)splatcore_read(&machine, SPLATCORE_FINISHED));'
+    for start, frames, later in ((0, 1, ""), (0, 3, ""), (0xFFFE, 2, ""), (0xFFFF, 2, LATER)):
+        end = f"failed = splatcore_finished(&machine, {start + frames & 0xFFFF}, 20);\n"
+        run = driven(folder, calls=TWO + later + end + found, finished=start, frame_tiles=9)
+        right = min(frames, 2), TIMEOUT if frames == 3 else 0
+        assert (run.results[0] - start & 0xFFFF, run.failed) == right, (start, frames, later)
+
+
+def check_events(folder: Path):
+    """After an error its bit and ERROR are cleared, and READY and FRAME stay; a wait clears only
+    the event that it waited for."""
+    pending = "machine.interrupt = SPLATCORE_INTERRUPT_READY | SPLATCORE_INTERRUPT_FRAME;"
+    error = "fail(&machine, 0x2060A);"
+    calls = pending + error + WAIT + EVENTS + WAIT + EVENTS + WAIT
+    results = [0x2060A, 3, 0, 0, 1, 0, TIMEOUT]
+    assert driven(folder, calls=calls).results == results
+    run = driven(folder, calls=pending + WAIT.replace("_FRAME", "_READY") + EVENTS + WAIT)
+    assert run.results == [0, 2, 0, 0]
+    run = driven(folder, calls=pending + error + "failed = splatcore_ready(&machine, 3);" + EVENTS)
+    assert (run.results, run.failed) == ([6, 0x2060A], 0)
+
+
+def test_finished(tiny_files):
+    check_finished(tiny_files)
+
+
+def test_events_stay_until_waited_for(tiny_files):
+    check_events(tiny_files)
+
+
+FAULTS = {
+    "finished_early": (check_finished, "_FINISHED) - 1)", "_FINISHED) - 2)"),
+    "finished_late": (check_finished, "_FINISHED) - 1)", "_FINISHED))"),
+    "no_modulo": (check_finished, "- 1) & 0x8000", "- 1) & 0x80000000"),
+    "the_error_stays": (check_events, "splatcore_write(device, SPLATCORE_ERROR, error);", ""),
+    "its_event_stays": (
+        check_events, "splatcore_write(device, SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_ERROR);", ""
+    ),
+    "an_error_clears_all": (
+        check_events, "_INTERRUPT, SPLATCORE_INTERRUPT_ERROR)",
+        "_INTERRUPT, SPLATCORE_INTERRUPT_MASK)",
+    ),
+    "a_wait_clears_all": (check_events, "now & events);", "now);"),
+    "ready_clears_all": (
+        check_events, "SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_READY)",
+        "SPLATCORE_INTERRUPT, SPLATCORE_INTERRUPT_MASK)",
+    ),
+}  # fmt: skip
+"""Faults in the driver: the check that finds each, text of the driver, new text."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_found(fault, tiny_files, tmp_path):
+    check, old, new = FAULTS[fault]
+    folder = shutil.copytree(tiny_files, tmp_path / "files", ignore=shutil.ignore_patterns("*.o"))
+    text = (folder / "splatcore_driver.c").read_text()
+    assert text.count(old) == 1
+    (folder / "splatcore_driver.c").write_text(text.replace(old, new))
+    with pytest.raises(AssertionError):
+        check(folder)
 
 
 @pytest.mark.parametrize("side", ["width", "height"])

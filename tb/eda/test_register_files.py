@@ -25,7 +25,7 @@ from splatcore.spec import registers
 from splatcore.spec.axi import RENDERING
 from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.registers import READY, START, ErrorCode, register_map
-from tb.helpers.c_host import STRICT, host_lines
+from tb.helpers.c_host import STRICT, compile_c, host_lines
 from tb.helpers.command import ROOT
 from tb.helpers.configs import MAPS, wide_addresses
 from tb.helpers.front_ends import slang
@@ -212,7 +212,15 @@ def test_names_are_no_keywords(language, config):
 def test_a_host_in_cpp(files):
     """The driver is compiled as C, its host as C++; they link, and the host runs."""
     host = (ROOT / "tb/eda/host.cc").read_text()
-    assert host_lines(files[1], host, ".cc") == ["1 8"]
+    assert host_lines(files[1], host, ".cc") == ["1 8", "1"]
+
+
+@pytest.mark.parametrize("standard", ["c99", "c11", "c17", "c++11", "c++17", "c++20"])
+def test_standards(standard, tiny_files, tmp_path):
+    """The driver, as C, and a host, as C++, compile without a warning in each standard."""
+    of_host = ROOT / "tb/eda/host.cc"
+    for source in [of_host] if "++" in standard else sorted(tiny_files.glob("*.c")):
+        compile_c(tiny_files, source, f"-std={standard}", "-c", "-o", tmp_path / "made.o")
 
 
 def test_every_header_is_guarded(tiny_files):

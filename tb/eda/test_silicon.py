@@ -95,6 +95,11 @@ def test_choice_of_adders(library, monkeypatch, most):
     assert area == min(areas) if most else time == min(time for time, _ in found.values())
 
 
+needs_opensta = pytest.mark.skipif(
+    not shutil.which("sta"), reason="needs OpenSTA: apt-get install opensta"
+)
+
+
 def opensta(folder, name) -> tuple[float, float]:
     """Run OpenSTA; return arrival and slack of the slowest path in ns."""
     done = subprocess.run(
@@ -107,13 +112,45 @@ def opensta(folder, name) -> tuple[float, float]:
     return float(arrival[1]), float(slack[1])
 
 
+STOPS = {
+    "sorter.v": ("endmodule", ""),
+    "sorter.tcl": ("link_design sorter", "link_design another"),
+    "sorter_memories.lib": ("library", "library {"),
+    "sorter.sdc": ("-period", "-times"),
+    "cells.lib": ("cell (", "cell (another_"),
+}
+"""A change of each file of OpenSTA that is an error: old and new text."""
+
+
+@needs_opensta
+@pytest.mark.slow
+def test_scripts_stop_after_an_error(liberty_path, library, tmp_path):
+    """OpenSTA alone would go on and end with status 0."""
+    path = tmp_path / "cells.lib"
+    path.write_text(liberty_path.read_text())
+    write_opensta(silicon(Sorter(TINY), library).timing, path, "sorter", tmp_path)
+    opensta(tmp_path, "sorter")
+    for name, (old, new) in STOPS.items():
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(text.replace(old, new))
+        done = subprocess.run(
+            ["sta", "-no_splash", "-exit", "sorter.tcl"],
+            cwd=tmp_path, capture_output=True, text=True
+        )  # fmt: skip
+        (tmp_path / name).write_text(text)
+        printed = done.stdout + done.stderr
+        assert done.returncode, (name, printed)
+        assert "Error" in printed and "sorter.tcl stopped at" in printed, (name, printed)
+        assert "slack" not in printed, (name, printed)
+
+
 LIBRARIES = [pytest.param(None, id="small")] + [
     pytest.param(file, id=file.name, marks=pytest.mark.verify) for file in liberty_files()
 ]
 
 
+@needs_opensta
 @pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("sta"), reason="needs OpenSTA: apt-get install opensta")
 @pytest.mark.parametrize("file", LIBRARIES)
 def test_opensta_finds_the_same(liberty_path, tmp_path, file):
     """OpenSTA's slack is 0 with our longest path as the clock period: for a sorter, whose path

@@ -115,7 +115,10 @@ FAULTS = planted_in(
         "a window that is not kept": ("request.payload.window", "self.read_windows[0]"),
     },
     _ask={"another reader's window": ("chosen, self.read_w", "wants, self.read_w")},
-    elaborate={"idle while reads are open": ("(self.asked[half] == 0) & settled", "settled")},
+    elaborate={
+        "idle while reads are open": ("(self.asked[half] == 0) & settled", "settled"),
+        "a byte without a strobe": (" & lanes(w.payload.strobe)", ""),
+    },
 )
 
 

@@ -2,7 +2,7 @@
 
 from amaranth.hdl import Array, Assert, Assume, Cat, Cover, Module, Mux, Signal, Value
 
-from splatcore.hdl.memory.axi import ERROR, Axi, write_data
+from splatcore.hdl.memory.axi import ERROR, Axi, lanes, write_data
 from splatcore.spec import axi as spec
 from tb.formal.axi_rules import (
     CHANNEL_DEPTH,
@@ -25,8 +25,8 @@ class Given:
     Asserts:
     - the port's beats and addresses follow the order in which the bursts began;
     - a burst has as many beats as it announced, and its last one is marked;
-    - data and strobes are the writer's; a failing half begins no burst, and the beats that complete
-      its open burst have no strobes set;
+    - data and strobes are the writer's, and bytes without a strobe are 0; a failing half begins no
+      burst, and the beats that complete its open burst have no strobes set;
     - while the port takes beats, a writer that can continue its burst, or that can begin one and is
       not patient, does not wait.
     """
@@ -48,7 +48,8 @@ class Given:
         self.addresses = addresses(m, part, "aw", part.aw, self.begins, self.aw)
         self.beats = InOrder(m, part.w, taken.any(), self.w, *handshake)
         first, full = self.beats.first, self.beats.count == CHANNEL_DEPTH
-        data, strobes = port.wdata == first.data, port.wstrb == first.strobe
+        data = port.wdata == (first.data & lanes(first.strobe))
+        strobes = port.wstrb == first.strobe
         begin = (self.wants & ~part.patient).any() & (self.addresses.count != CHANNEL_DEPTH)
         m.d.comb += [
             Assert(at_most_one(taken)),

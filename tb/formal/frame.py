@@ -4,6 +4,8 @@ They follow docs/integration.md: a frame is alive from its START until its one o
 error bit of its half, or ABORT.
 """
 
+from dataclasses import replace
+
 from amaranth.hdl import Assert, Assume, Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 
@@ -25,7 +27,7 @@ USED = ("groups", "lists", "features", "work_area", "width", "height", "scratch"
 USED += ("stride", *(f"background_{name}" for name in COLOURS))
 """Frame registers that frame control reads."""
 
-WIDE = wide_addresses(TINY)
+WIDE = replace(wide_addresses(TINY), rgba=True)
 WINDOWS = area_windows(WIDE, READING, WRITING)
 """Areas of the second half that have an address window."""
 
@@ -196,11 +198,13 @@ class Controlled(Around):
 
 
 class Parameters(Controlled):
-    """Frame control of a machine with 64-bit addresses, and the frame registers of each half.
+    """Frame control of a machine with 64-bit addresses and alpha, and the frame registers of each
+    half.
 
     Asserts:
     - frames handed over use the work areas in turn, so two frames in flight never share one;
-    - until it is free, each half sees the register values from the START of its frame.
+    - until it is free, each half sees the register values from the START of its frame, and no
+      background if its pixels have alpha.
 
     Assumes: these registers stay constant from START until READY returns.
     """
@@ -211,7 +215,8 @@ class Parameters(Controlled):
     def elaborate(self, platform) -> Module:
         m = super().elaborate(platform)
         part, frame = self.inner, self.inner.frame
-        layout, used = frame_layout(WIDE), (*USED, *(f"{name}_high" for name in WINDOWS))
+        used = (*USED, "format", *(f"{name}_high" for name in WINDOWS))
+        layout = frame_layout(WIDE)
         first, second = (
             {name: Signal(layout[name].width, name=f"{half}_{name}") for name in used}
             for half in ("first", "second")
@@ -250,6 +255,8 @@ class Parameters(Controlled):
             m.d.comb += Assert(self.free | (job[name] == second[name][BEAT_BITS:]))
         for name in WINDOWS:
             m.d.comb += Assert(self.free | (job.windows[name] == second[f"{name}_high"]))
+        m.d.comb += Assert(self.free | (job.rgba == second["format"]))
         for name in COLOURS:
-            m.d.comb += Assert(self.free | (job.background[name] == second[f"background_{name}"]))
+            colour = Mux(second["format"], 0, second[f"background_{name}"])
+            m.d.comb += Assert(self.free | (job.background[name] == colour))
         return m

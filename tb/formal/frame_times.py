@@ -198,6 +198,7 @@ OF_AREAS = planted_in(
             f"    {LOOP}:\n            m.d.sync",
             f"{LOOP}:\n        m.d.comb",
         ),
+        "a background with alpha": ('Mux(frame["format"], 0, colour)', "colour"),
         "another area's window": ('frame[f"{name}_high"]', 'frame["lists_high"]'),
     },
 )

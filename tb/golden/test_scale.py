@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden import batches, pipeline, reference
-from splatcore.golden.points import project_points
+from splatcore.golden.points import project_points, splat_codes
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
@@ -60,9 +60,12 @@ def test_whole_points(model):
     )
     for name in ("points", "front", "inside", "index", "step"):
         assert np.array_equal(getattr(points, name), getattr(few, name)), name
-    for name, values in few.projected.items():
-        assert np.array_equal(points.projected[name], values), name
-    assert not few.culled and len(few.projected) < len(points.projected)
+    codes = splat_codes(DEFAULT, points.projected)
+    assert codes.keys() == few.codes.keys() == points.codes.keys()
+    for name, code in codes.items():
+        assert np.array_equal(code, few.codes[name]), name
+        assert np.array_equal(code, points.codes[name]), name
+    assert not few.culled and not few.placed and not few.projected
 
 
 def test_decoded_is_a_part_of_all(model):

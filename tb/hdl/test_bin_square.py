@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
-from splatcore.golden.bin import splat_codes
 from splatcore.golden.pipeline import render
 from splatcore.golden.points import project_points
 from splatcore.golden.program import run
@@ -55,7 +54,7 @@ def test_against_reference(name, count):
     """
     _, model, camera, _ = scene_frame(name, count)
     points = project_points(SQUARE, model, camera)
-    frame = Frame(splat_codes(SQUARE, points.projected), camera.width, camera.height)
+    frame = Frame(points.codes, camera.width, camera.height)
     found = bin_frame(SQUARE, frame)
     drawn, counts = project(model.gaussians(), camera, ORIGINAL)
     assert abs(pairs(found) / counts["pairs_3sigma"] - 1) < 0.05

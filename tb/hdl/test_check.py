@@ -9,6 +9,7 @@ from splatcore.spec.number import Bits
 from splatcore.spec.record import Record
 from splatcore.spec.registers import ALIGNED, ErrorCode, frame_registers
 from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, WORK_ALIGNMENT, scratch_bytes, work
+from tb.helpers.configs import ALPHA
 from tb.helpers.runs import compiled
 
 pytestmark = pytest.mark.slow
@@ -35,10 +36,11 @@ def expected(config: Config, frame: Frame) -> tuple[int, int]:
     side = 16 * config.group
     most = -(-config.width_max // side) * -(-config.height_max // side)
     groups = -(-frame["WIDTH"] // side) * -(-frame["HEIGHT"] // side)
+    pixel = 4 if frame.get("FORMAT") else PIXEL
     sizes = (
         not 0 < frame["WIDTH"] <= config.side_max or groups > most,
         not 0 < frame["HEIGHT"] <= config.side_max,
-        frame["STRIDE"] % STRIDE_ALIGNMENT or frame["STRIDE"] < frame["WIDTH"] * PIXEL,
+        frame["STRIDE"] % STRIDE_ALIGNMENT or frame["STRIDE"] < frame["WIDTH"] * pixel,
     )
     for number, wrong in enumerate(sizes):
         if wrong:
@@ -62,7 +64,7 @@ def expected(config: Config, frame: Frame) -> tuple[int, int]:
 
 
 def good(config: Config) -> Frame:
-    """Return a valid frame."""
+    """Return a valid frame, without alpha."""
     stride = config.width_max * PIXEL // STRIDE_ALIGNMENT * STRIDE_ALIGNMENT + STRIDE_ALIGNMENT
     frame = dict.fromkeys(ALIGNED, WORK_ALIGNMENT)
     frame |= {"WIDTH": config.width_max, "HEIGHT": config.height_max, "STRIDE": stride}
@@ -129,12 +131,24 @@ def edges(config: Config, rng: np.random.Generator) -> list[Frame]:
     return frames
 
 
-@pytest.mark.parametrize("config", [DEFAULT, TINY], ids=lambda config: config.name)
+def with_alpha(config: Config) -> list[Frame]:
+    """Return frames with alpha: the smallest stride, and one step less."""
+    widths = (1, 7, 8, 9, config.width_max)
+    strides = {width: -(-4 * width // STRIDE_ALIGNMENT) * STRIDE_ALIGNMENT for width in widths}
+    return [
+        good(config) | {"WIDTH": width, "STRIDE": stride - less, "FORMAT": 1}
+        for width, stride in strides.items()
+        for less in (0, STRIDE_ALIGNMENT)
+    ]
+
+
+@pytest.mark.parametrize("config", [DEFAULT, TINY, ALPHA], ids=lambda config: config.name)
 def test_check(config):
     rng = np.random.default_rng(0)
+    more = with_alpha(config) if config.rgba else []
     frames = [
         {k: v % TOP if k in ALIGNED else v for k, v in frame.items()}
-        for frame in around(config, rng) + edges(config, rng)
+        for frame in around(config, rng) + edges(config, rng) + more
         if frame["LISTS_PAGES"] < 1 << 20 and frame["FEATURES_MAX"] < 1 << 24
     ]
     right = [expected(config, frame) for frame in frames]

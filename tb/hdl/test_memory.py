@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In
 
 from splatcore.hdl.frame import Frame
 from splatcore.hdl.lib.stream import passes
-from splatcore.hdl.memory.axi import CROWD, Axi
+from splatcore.hdl.memory.axi import CROWD, OUTSTANDING_BITS, Axi
 from splatcore.hdl.memory.words import BURSTS_WAITING, Words
 from splatcore.hdl.registers import Registers
 from splatcore.sim.rtl.cocotb_runner import run_testbench
@@ -119,6 +119,15 @@ def test_patient_writers_wait_for_reads():
         order = served(run_port(reads=reads, writes=60, patient=1 << patient), "aw")
         count = np.bincount(order, minlength=len(WRITERS))
         assert (np.delete(count, patient) == 60).all() and count[patient] == begun
+
+
+def test_a_memory_that_does_not_answer():
+    """As many bursts as can be counted are in flight: of a half's readers, of each writer."""
+    most = (1 << OUTSTANDING_BITS) - 1
+    halves = np.array(list(READERS.values()))[served(run_port(reads=most + 5), "ar")]
+    assert (np.bincount(halves) == most).all()
+    order = served(run_port(writes=most + 5), "aw")
+    assert (np.bincount(order, minlength=len(WRITERS)) == most).all()
 
 
 @pytest.mark.parametrize("beats", [1, 2, 5])

@@ -18,9 +18,9 @@ from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid, group_pixels
 from splatcore.spec.number import Bits
+from splatcore.spec.pixel import background_code
 from splatcore.spec.raster import (
     BLOCKS,
-    background_code,
     block_count,
     colours,
     nth_block,
@@ -31,7 +31,7 @@ from splatcore.spec.raster import (
     spans_meet,
 )
 from splatcore.spec.record import Codes, Record
-from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, STRIDE_BITS, stride
+from splatcore.spec.work import PIXEL, STRIDE_ALIGNMENT, STRIDE_BITS, pixel_bytes, stride
 from tb.helpers.configs import machines, other_port
 from tb.helpers.memory_port import Writes
 from tb.helpers.runs import compiled
@@ -43,8 +43,12 @@ GROUP_CYCLES = 64 * 64 * PIXEL // axi.port_bytes(DEFAULT) + 1
 SLACK = 12  # cycles before the first span and behind the last one
 
 PORTS = {"port": other_port(DEFAULT), "small port": other_port(TINY)}
-VERIFIED = ("ONE", "EIGHT")
-CONFIGS = machines("DEFAULT TINY ONE EIGHT") | PORTS
+WITH_ALPHA = {
+    f"{name} alpha": replace(config, name=f"{config.name}_ALPHA", rgba=True)
+    for name, config in (machines("DEFAULT ONE EIGHT") | PORTS).items()
+}
+VERIFIED = ("ONE", "EIGHT", *WITH_ALPHA)
+CONFIGS = machines("DEFAULT TINY ALPHA ONE EIGHT") | PORTS | WITH_ALPHA
 
 SIZES = ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3), (32, 32), (64, 61))
 LARGE_SIZES = ((200, 130), (1, 1), (129, 64), (64, 260), (340, 60))
@@ -61,6 +65,7 @@ def frame_record(config: Config) -> Record:
     fields = {name: Bits(size.bit_length()) for name, size in sizes.items()}
     fields |= {"pixels": Bits(axi.BEAT_ADDRESS_BITS)}
     fields |= {"stride": Bits(STRIDE_BITS - axi.BEAT_BITS)}
+    fields |= {"rgba": Bits(1)} if config.rgba else {}
     return Record("frame", fields | {"background": Record("colour", colours(config))})
 
 
@@ -88,7 +93,8 @@ class Frames(wiring.Component):
         m.d.sync += pixels.start.eq(self.frames.valid & self.frames.ready)
         with m.If(self.frames.valid & self.frames.ready):
             m.d.sync += frame.eq(self.frames.payload)
-        m.d.comb += [pixels.job[name].eq(frame[name]) for name in JOB]
+        names = (*JOB, "rgba") if "rgba" in self.record.members else JOB
+        m.d.comb += [pixels.job[name].eq(frame[name]) for name in names]
         m.d.comb += pixels.groups.eq(frame.groups)
         with m.If(pixels.start | pixels.through):
             m.d.sync += active.eq(pixels.start)
@@ -115,26 +121,27 @@ class Frames(wiring.Component):
 class Image:
     """A frame to write."""
 
-    pixels: np.ndarray  # [H, W, 3] uint8
+    pixels: np.ndarray  # [H, W, 3] uint8; [H, W, 4] with alpha
     empty: np.ndarray  # [groups] bool
     at: int  # address, in beats
     stride: int  # distance of rows, in beats
     background: tuple[int, ...]  # colour codes
 
 
-def image(config: Config, size, empty: np.ndarray, seed: int = 0) -> Image:
+def image(config: Config, size, empty: np.ndarray, seed: int = 0, rgba: bool = False) -> Image:
     """Return random pixels, background in empty groups, at a random address and stride."""
     rng, (width, height) = np.random.default_rng(seed), size
     top = max(format.width for format in colours(config).values())
-    colour = tuple(int(c) for c in rng.integers(0, 1 << top, 3))
-    pixels = rng.integers(0, 256, (height, width, PIXEL), dtype=np.uint8)
+    colour = tuple(int(c) for c in rng.integers(0, 1 if rgba else 1 << top, 3))
+    pixels = rng.integers(0, 256, (height, width, pixel_bytes(rgba)), dtype=np.uint8)
     side, columns = group_pixels(config), group_grid(config, *size)[1]
     for group in np.flatnonzero(empty):
         row, column = divmod(int(group), columns)
         area = slice(row * side, (row + 1) * side), slice(column * side, (column + 1) * side)
-        pixels[area] = [min(background_code(config, c), 255) for c in colour]
+        pixels[area] = 0
+        pixels[area][..., :3] = [min(background_code(config, c), 255) for c in colour]
     unit = STRIDE_ALIGNMENT // axi.BEAT
-    beats = stride(width) // axi.BEAT + int(rng.integers(0, 9)) * unit
+    beats = stride(width, rgba) // axi.BEAT + int(rng.integers(0, 9)) * unit
     return Image(pixels, empty, int(rng.integers(1 << 20)) * unit, beats, colour)
 
 
@@ -147,12 +154,12 @@ def places(config: Config, size, empty: np.ndarray) -> Codes:
 
 def finished(config: Config, image: Image, rasterizer: int) -> Codes:
     """Return a rasterizer's blocks of the image, group after group, with those outside it."""
-    height, width = image.pixels.shape[:2]
-    side = group_pixels(config)
+    height, width, channels = image.pixels.shape
+    side, stored = group_pixels(config), pixel_bytes(config.rgba)
     padded = np.random.default_rng(rasterizer).integers(
-        0, 256, (height + side, width + side, PIXEL)
+        0, 256, (height + side, width + side, stored)
     )
-    padded[:height, :width] = image.pixels
+    padded[:height, :width, :channels] = image.pixels
     found, own = places(config, (width, height), ~image.empty), owned(config, rasterizer)
     pixels = []
     for group_row, group_column in zip(found["row"], found["column"], strict=True):
@@ -161,7 +168,7 @@ def finished(config: Config, image: Image, rasterizer: int) -> Codes:
             y = group_row * side + tile // config.group * TILE + own[block] // BLOCKS * BLOCK
             x = group_column * side + tile % config.group * TILE + own[block] % BLOCKS * BLOCK
             pixels.append(padded[y : y + BLOCK, x : x + BLOCK])
-    return {"pixels": np.array(pixels, np.uint8).reshape(-1, BLOCK**2, PIXEL)}
+    return {"pixels": np.array(pixels, np.uint8).reshape(-1, BLOCK**2, stored)}
 
 
 def run(config: Config, images: list[Image], **options) -> Result:
@@ -177,6 +184,8 @@ def run(config: Config, images: list[Image], **options) -> Result:
         "pixels": [image.at for image in images],
         "stride": [image.stride for image in images],
     }
+    if config.rgba:
+        frames["rgba"] = [image.pixels.shape[2] > PIXEL for image in images]
     frames = {name: np.array(values) for name, values in frames.items()}
     colour = np.array([image.background for image in images]).T
     frames["background"] = dict(zip(colours(config), colour, strict=True))
@@ -206,23 +215,24 @@ def run(config: Config, images: list[Image], **options) -> Result:
 def beats_of(config: Config, image: Image) -> int:
     """Return the beats written per image: a span of a row takes every beat that it touches; a beat
     shared by two spans counts twice, unless they fill their beats together."""
-    height, width = image.pixels.shape[:2]
-    step = span_blocks(config) * BLOCK * (1 + spans_meet(config))
+    height, width, pixel = image.pixels.shape
+    meet = spans_meet(config) and pixel == PIXEL
+    step = span_blocks(config) * BLOCK * (1 + meet)
     begins = np.arange(0, width, step)
     ends, beat = np.minimum(begins + step, width), axi.port_bytes(config)
-    return height * int((-(-ends * PIXEL // beat) - begins * PIXEL // beat).sum())
+    return height * int((-(-ends * pixel // beat) - begins * pixel // beat).sum())
 
 
 def check(config: Config, rows: np.ndarray, image: Image):
     """Check that bursts are whole and within a page, and write each byte of the image once."""
-    height, width = image.pixels.shape[:2]
+    height, width, pixel = image.pixels.shape
     address, value = Writes.of(config, rows).bytes()
     y, x = np.divmod(address - image.at * axi.BEAT, image.stride * axi.BEAT)
-    assert len(np.unique(address)) == len(address) == height * width * PIXEL
-    assert ((y >= 0) & (y < height) & (x < width * PIXEL)).all()
-    found = np.zeros((height, width * PIXEL), np.uint8)
+    assert len(np.unique(address)) == len(address) == height * width * pixel
+    assert ((y >= 0) & (y < height) & (x < width * pixel)).all()
+    found = np.zeros((height, width * pixel), np.uint8)
     found[y, x] = value
-    assert np.array_equal(found.reshape(height, width, PIXEL), image.pixels)
+    assert np.array_equal(found.reshape(image.pixels.shape), image.pixels)
 
 
 def emptiness(groups: int, seed: int) -> list[np.ndarray]:
@@ -238,20 +248,25 @@ def emptiness(groups: int, seed: int) -> list[np.ndarray]:
     [
         "DEFAULT",
         "TINY",
+        "ALPHA",
         "port",
         "small port",
         *(pytest.param(name, marks=pytest.mark.verify) for name in VERIFIED),
     ],
 )
 def test_images(name, stall):
-    """Images that end within groups, tiles and blocks, one after the other in one run."""
+    """Images that end within groups, tiles and blocks, one after the other in one run; every other
+    one with alpha, if the machine has it."""
     config = CONFIGS[name]
     sizes = SIZES if config.width_max <= 64 else LARGE_SIZES
     make = partial(image, config)
     images = []
     for k, size in enumerate(sizes):
         choices = emptiness(int(np.prod(group_grid(config, *size))), k)
-        images += [make(size, empty, 10 * k + j) for j, empty in enumerate(choices)]
+        images += [
+            make(size, empty, 10 * k + j, config.rgba and (k + j) % 2 == 0)
+            for j, empty in enumerate(choices)
+        ]
     run(config, images, stall=stall, seed=int(10 * stall))
 
 

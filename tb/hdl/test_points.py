@@ -45,7 +45,7 @@ def rows(name: str) -> PointRows:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", marked(PARTS, ("points", "chunk")))
+@pytest.mark.parametrize("stage", marked(PARTS, ["points"]))
 def test_stages_equal_golden_on_the_garden(stage):
     for seed, stall in enumerate((0, 0.3, 0.7)):
         check(stage, rows("garden"), stall, seed)

@@ -11,6 +11,7 @@ from splatcore.golden.pipeline import render as render_golden
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import project, render
 from splatcore.hdl.raster.prepare import Prepare
+from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
@@ -24,7 +25,7 @@ from splatcore.spec.group import group_grid
 from splatcore.spec.raster import curvature_formats, featured_record, readied_record
 from splatcore.study.accuracy.points import with_width
 from tb.helpers.bounds import RULE
-from tb.helpers.configs import MACHINES
+from tb.helpers.configs import ALPHA, MACHINES
 from tb.helpers.machines import NEEDLES, long_needles
 from tb.helpers.runs import Case, compiled
 from tb.helpers.scene_frames import parameters
@@ -38,6 +39,7 @@ from tb.stages.raster import (
     prepared_codes,
     random_features,
 )
+from tb.stages.table import RASTERIZER, rasterizer_case
 
 ONE, FEW = MACHINES["SINGLE"], MACHINES["FEW"]
 
@@ -89,6 +91,19 @@ def test_random_tiles(size, stall):
         assert run.blocks > 0
         if size == (64, 64):
             assert run.golden.counts["contributions"] > 1000 and run.golden.counts["ended"] > 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rgba", [False, True])
+def test_alpha(rgba):
+    """A rasterizer's blocks with alpha, of T before the next group resets it, and without."""
+    lists = mixed(ALPHA, 80, (61, 35), background=(0, 0, 0) if rgba else (9, 99, 500), rgba=rgba)
+    part = compiled(Rasterizer, ALPHA, RASTERIZER)
+    case = rasterizer_case(lists)
+    case.check(part, stall=0.3)
+    if rgba:
+        levels = np.bincount(lists.golden.pixels[..., 3].ravel(), minlength=256)
+        assert levels[0] and levels[255] and np.count_nonzero(levels) > 100
 
 
 @pytest.mark.verify

@@ -101,7 +101,7 @@ def test_cycles_of_a_list(name, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", marked(SORTERS, LARGE))
+@pytest.mark.parametrize("name", marked(SORTERS, ["four"]))
 def test_cycles_of_many_groups(name):
     """As in the model; 2 per entry and some per group, if one sub-sorter loads as another sends."""
     config, random = MACHINES[name], np.random.default_rng(5)

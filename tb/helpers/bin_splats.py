@@ -4,8 +4,9 @@ from functools import cache
 
 import numpy as np
 
-from splatcore.golden.bin import CHANNELS, Codes, splat_codes
+from splatcore.golden.points import splat_codes
 from splatcore.golden.program import run
+from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import Config
 from splatcore.spec.convention import COVARIANCE_BLUR, TILE
 from splatcore.spec.depth import low_bits
@@ -13,6 +14,7 @@ from splatcore.spec.frame import fixed_constants
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.microprogram import Program, parse
 from splatcore.spec.programs import FACTORS, SHAPE
+from splatcore.spec.record import Codes
 
 KINDS = ("common", "tiny", "needle", "flat", "huge", "beside", "far", "faint", "vast")
 """Kinds of splats, defined in `splats`."""

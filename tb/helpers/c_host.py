@@ -8,8 +8,19 @@ from tempfile import TemporaryDirectory
 
 from splatcore.spec.camera import Camera
 
-STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic"]
-LANGUAGES = {".c": ["gcc", "-std=c99"], ".cc": ["g++", "-std=c++11"]}
+STRICT = """
+-O1 -Werror -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wfloat-conversion -Wshadow
+-Wcast-qual -Wcast-align=strict -Wdouble-promotion -Wduplicated-branches -Wduplicated-cond
+-Wformat=2 -Wlogical-op -Wmissing-declarations -Wnull-dereference -Wpointer-arith
+-Wredundant-decls -Wswitch-default -Wswitch-enum -Wundef -Wunused-macros -Wvla -Wwrite-strings
+""".split()  # many warnings of gcc need some optimisation
+LANGUAGES = {
+    ".c": """gcc -std=c11 -Wbad-function-cast -Wjump-misses-init -Wmissing-prototypes
+        -Wnested-externs -Wold-style-definition -Wstrict-prototypes""".split(),
+    ".cc": """g++ -std=c++17 -Wextra-semi -Wold-style-cast -Woverloaded-virtual
+        -Wzero-as-null-pointer-constant""".split(),
+}
+"""Compiler by suffix of a source, with all warnings that concern code of such a host."""
 
 
 def compile_c(headers: Path, source: Path, *options: object):

@@ -17,7 +17,10 @@ def wide_addresses(config: Config) -> Config:
     return replace(config, name=f"{config.name}_WIDE", address_bits=64)
 
 
-MAPS = (*PRESETS.values(), wide_addresses(DEFAULT))
+ALPHA = replace(TINY, name="ALPHA", rgba=True)
+"""A machine that writes alpha: its spans have 32 bytes, while those of TINY share beats."""
+
+MAPS = (*PRESETS.values(), wide_addresses(DEFAULT), ALPHA)
 """Machines with register maps of all kinds."""
 
 TREES = replace(TINY, sub_sorter="trees")
@@ -52,7 +55,7 @@ CHANGED = {
     "pairs": (DEFAULT, {"sub_sorter_entries": 32, "sort_digits": (2,) * 11 + (1,)}),
 }
 
-MACHINES = {config.name: config for config in (DEFAULT, TINY, PAPER)} | {
+MACHINES = {config.name: config for config in (DEFAULT, TINY, PAPER, ALPHA)} | {
     name: replace(base, name=name, **changes) for name, (base, changes) in CHANGED.items()
 }
 """Presets and other machines, by name."""

@@ -5,7 +5,6 @@ from functools import cache
 
 import pytest
 
-from splatcore.golden.bin import splat_codes
 from splatcore.golden.points import project_points
 from splatcore.model.formats.camera_file import read_camera
 from splatcore.model.formats.read import read_scene
@@ -52,5 +51,5 @@ def scene_frame(name: str, count: int | None = COUNT) -> tuple:
         scene, camera = generate(name), generated_camera(name)
     model, _ = pack(scene[:: max(1, len(scene) // count) if count else 1], sh_degree=1)
     points = project_points(DEFAULT, model, camera)
-    codes = splat_codes(DEFAULT, points.projected)
+    codes = points.codes
     return Frame(codes, camera.width, camera.height), model, camera, points

@@ -1,4 +1,4 @@
-"""Stages under cocotb: between streams, or on `cocotbext-axi`'s memory with pauses.
+"""Stages under cocotb: between streams, or on a memory of `cocotbext-axi` with pauses.
 
 A half of the machine is started by its ports, the whole machine by its registers.
 """
@@ -11,11 +11,12 @@ from pathlib import Path
 import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, RisingEdge
-from cocotbext.axi import AxiBus, AxiLiteBus, AxiLiteMaster, AxiRam
+from cocotbext.axi import AxiBus, AxiLiteBus, AxiLiteMaster, AxiSlave
 
 from splatcore.sim.rtl.cocotb_runner import parameters
 from splatcore.spec import registers
 from splatcore.spec.config import TINY
+from tb.helpers.regions import Regions
 from tb.helpers.streams import (
     PERIOD,
     Monitor,
@@ -64,7 +65,7 @@ class Bench:
 
     async def begin(self):
         self.silence()
-        Clock(self.dut.clk, PERIOD, "ns").start()
+        Clock(self.dut.clk, PERIOD, "ns").start(start_high=False)
         await reset(self.dut, 3)
         cocotb.start_soon(self.count())
         await self.begun()
@@ -196,10 +197,11 @@ class OnMemory(Bench):
     def __init__(self, dut, pattern: str):
         super().__init__(dut, pattern)
         self.driver = (Host if hasattr(dut, "s_axi__awvalid") else Half)(dut, pattern)
-        size = next(iter(CASES.values()))["memory"]
-        self.ram = AxiRam(AxiBus.from_prefix(dut, "m_axi_"), dut.clk, dut.rst, size=size)
-        pause(self.ram.write_if, self.ram.read_if, *PATTERNS[pattern])
+        self.memory = Regions(next(iter(CASES.values()))["regions"])
+        slave = AxiSlave(AxiBus.from_prefix(dut, "m_axi_"), dut.clk, dut.rst, self.memory)
+        pause(slave.write_if, slave.read_if, *PATTERNS[pattern])
         self.silence, self.begun = self.driver.silence, self.driver.begin
+        cocotb.start_soon(self.memory.watch())
 
     def row(self) -> list[str]:
         return list(SHORT if FEW else CASES)
@@ -207,14 +209,13 @@ class OnMemory(Bench):
     def put(self, name: str):
         """Write a frame's input to memory, and wrong bytes where its results belong."""
         for address, given in CASES[name]["after"]:
-            self.ram.write(address, bytes(byte ^ 0xFF for byte in bytes.fromhex(given)))
+            self.memory.put(address, bytes(byte ^ 0xFF for byte in bytes.fromhex(given)))
         for address, given in CASES[name]["before"]:
-            self.ram.write(address, bytes.fromhex(given))
+            self.memory.put(address, bytes.fromhex(given))
 
     def compare(self, name: str):
         for address, given in CASES[name]["after"]:
-            right = bytes.fromhex(given)
-            found = self.ram.read(address, len(right))
+            found, right = self.memory.get(address, len(given) // 2), bytes.fromhex(given)
             wrong = [k for k, (a, b) in enumerate(zip(found, right, strict=True)) if a != b]
             assert not wrong, (
                 f"{name}: {len(wrong)} of {len(right)} bytes at {address:#x} differ, first "

@@ -14,10 +14,11 @@ MACHINE = (
 DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
+SMALL = "tb/hdl/test_points.py -k 'small or (stages and {})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 MASTER = (
     "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
-    "-k 'every_cycle or comes_first or patient or (proved and axi_master)'"
+    "-k 'every_cycle or comes_first or patient or does_not_answer or (proved and axi_master)'"
 )
 HALVES = "tb/hdl/test_points.py tb/hdl/test_colour.py"
 
@@ -61,6 +62,8 @@ QUICK = {
     "points/position": STAGE.format("cull"),
     "points/preprocess": "",
     **{f"points/{name}": STAGE.format(name) for name in PARTS},
+    "points/place": SMALL.format("place"),
+    "points/slots": SMALL.format("project"),
     "raster": BLENDED,
     "raster/features": "tb/hdl/test_stream.py -k unrequested",
     "raster/finished": "tb/hdl/test_finished.py",
@@ -122,7 +125,7 @@ LAST = {
     "": MACHINE,
     "arithmetic": f"tb/hdl/test_float.py tb/hdl/test_unary.py {HALVES}",
     "points": HALVES,
-    "sorting/runs": "tb/hdl/test_sort.py -k 'cycles and three'",
+    "sorting/runs": "tb/hdl/test_sort.py -k 'many_groups and three'",
     "sorting/subsort": "tb/hdl/test_subsort.py tb/hdl/test_sort.py",
 }
 """Further tests of a file or of a folder's files, before those of whole machines."""

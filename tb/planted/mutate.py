@@ -50,7 +50,8 @@ COLUMNS = ("file", "line", "kind", "before", "after", "verdict", "tests", "text"
 
 TIMEOUT = 3600  # seconds, compiling included, after which tests count as hung
 
-PYTEST = "-x -q -p no:cacheprovider -p tb.planted.verdict -m 'not scenes and not verify'"
+CHOICE = "-p no:cacheprovider --long -m 'not scenes and not verify'"
+PYTEST = f"-x -q -p tb.planted.verdict {CHOICE}"
 PASSED = 0
 VERDICTS = {PASSED: "missed", CAUGHT: "caught", NOT_BUILT: "not built"}
 

@@ -175,7 +175,7 @@ def test_judges():
 @pytest.mark.slow
 @pytest.mark.parametrize("tests", ALL_JUDGES)
 def test_judges_are_there(tests, capsys):
-    options = mutate.shlex.split(f"--collect-only -qq -p no:cacheprovider {tests}")
+    options = mutate.shlex.split(f"--collect-only -qq {mutate.CHOICE} {tests}")
     assert pytest.main(options) == pytest.ExitCode.OK, capsys.readouterr().out
 
 

@@ -1,5 +1,7 @@
 """The result cache: its keys, failures that keep nothing, and the command `splatcore cache`."""
 
+import os
+import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -10,6 +12,8 @@ import numpy as np
 import pytest
 
 from splatcore.sim.common.cache import cache_root, digest, kept_folder, kept_json
+from splatcore.sim.rtl import build
+from splatcore.sim.rtl.verilator import environment
 from tb.helpers.command import check_documented, load, run
 
 
@@ -44,6 +48,19 @@ def test_the_folder(monkeypatch, root):
         assert cache_root() == empty and empty.name == "splatcore"
     if sys.platform == "linux":
         assert empty == root / "home" / "splatcore"
+
+
+def test_another_installation_shares_no_compiled_header(root, monkeypatch, tmp_path):
+    """clang refuses a precompiled header if a file that it was made from is newer now."""
+    file = tmp_path / "verilated.h"
+    monkeypatch.setattr(build, "installed", lambda program, variables: [file])
+    places = []
+    for seconds in (1, 2, 1):
+        file.touch()
+        os.utime(file, (seconds, seconds))
+        with build.shared(tmp_path / "obj", environment(), [], build.QUICK) as variables:
+            places += re.findall(r"library-[0-9a-f]+", variables["MAKEFLAGS"])[:1]
+    assert len(places) == 3 and places[0] == places[2] != places[1]
 
 
 def test_the_command(root, capsys):

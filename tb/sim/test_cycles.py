@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from splatcore.golden.bin import splat_codes
 from splatcore.golden.pipeline import Frame, render
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.model.generate.generate import generated_camera
@@ -47,7 +46,7 @@ def test_stages_0_and_1(stage):
 def test_binning():
     frame, cycles = modelled()
     camera = generated_camera("garden")
-    codes = splat_codes(DEFAULT, frame.points.projected)
+    codes = frame.points.codes
     given = bin_frames.Frame(codes, camera.width, camera.height)
     run, _ = bin_frames.check(DEFAULT, [given], stall=0)
     check(cycles.bin, run.cycles)

@@ -14,7 +14,7 @@ from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.generate.hard_case import straight_camera
 from splatcore.model.pack.pack import pack
-from splatcore.sim.machine.areas import BASE, place_areas
+from splatcore.sim.machine.areas import BASE, GAP, place_areas
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.spec.axi import BEAT
 from splatcore.spec.config import TINY
@@ -37,7 +37,7 @@ class FrameCase:
     job: Job
     values: dict[str, int]
     golden: Frame
-    memory: int  # its size in bytes, with room for all frames
+    regions: tuple[tuple[int, int, bool], ...]  # begin, end, writable; of all frames
 
     def model(self) -> Bytes:
         """The packed model."""
@@ -94,13 +94,13 @@ class MemoryCase:
 
     ports: of the stage, constant during the frame
     registers: values of the frame's registers
-    memory: its size in bytes
+    regions: (begin, end, writable) of what the machine may access
     before, after: contents of memory before, and expected contents after the frame
     """
 
     ports: dict[str, int]
     registers: dict[str, int]
-    memory: int
+    regions: tuple[tuple[int, int, bool], ...]
     before: Bytes
     after: Bytes
 
@@ -145,13 +145,20 @@ def frames() -> dict[str, FrameCase]:
         TINY, models, [(job.camera.width, job.camera.height) for job in given.values()]
     )
     end = areas.end - BASE
+    regions = [
+        (region.begin - BASE, region.end - BASE, region.writable)
+        for region in areas.regions
+        if not region.name.startswith("image")
+    ]
     for number, (name, job) in enumerate(given.items()):
         values = frame_values(TINY, job, number, areas, 0)
         values |= {name: values[name] - BASE for name in MOVED}
-        values["PIXELS"], end = end, end + aligned(values["STRIDE"] * values["HEIGHT"])
+        values["PIXELS"], size = end + GAP, values["STRIDE"] * values["HEIGHT"]
+        end += GAP + aligned(size)
+        regions.append((values["PIXELS"], values["PIXELS"] + size, True))
         found[name] = (job, values)
     found = {
-        name: FrameCase(job, values, render(TINY, *job), 1 << end.bit_length())
+        name: FrameCase(job, values, render(TINY, *job), tuple(regions))
         for name, (job, values) in found.items()
     }
     assert np.diff(found["full"].golden.start).max() > half_entries(TINY)
@@ -162,7 +169,7 @@ def frame_cases(ports: str, before: str, after: str) -> dict[str, MemoryCase]:
     """The frames for a stage. ports, before, after: methods of `FrameCase`."""
     return {
         name: MemoryCase(
-            getattr(frame, ports)(), frame.values, frame.memory,
+            getattr(frame, ports)(), frame.values, frame.regions,
             getattr(frame, before)(), getattr(frame, after)(),
         )
         for name, frame in frames().items()

@@ -23,6 +23,7 @@ from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION
 from splatcore.spec.group import group_grid, group_pixels
 from splatcore.spec.memory import OPACITY
 from splatcore.spec.record import Codes
+from splatcore.spec.work import pixel_bytes
 from tb.helpers.parts import forward
 from tb.helpers.runs import Case, compiled, counters
 
@@ -75,6 +76,7 @@ class Lists:
     entries: of the groups' lists
     size: of the image
     background: codes of a colour
+    rgba: whether pixels have alpha; then there is no background
     chosen: the groups to render, in order; default: each group once
     """
 
@@ -83,6 +85,7 @@ class Lists:
     entries: Entries
     size: tuple[int, int]
     background: tuple[int, int, int] = (0, 0, 0)
+    rgba: bool = False
     chosen: np.ndarray | None = None
 
     @property
@@ -94,13 +97,14 @@ class Lists:
     def golden(self) -> golden.Raster:
         """The golden model's picture of all groups."""
         return golden.rasterize(
-            self.config, self.features, self.entries, self.size, self.background
+            self.config, self.features, self.entries, self.size, self.background, self.rgba
         )
 
     @property
     def constants(self) -> dict[str, int]:
         colour = dict(zip(raster.COLOURS, self.background, strict=True))
         fields = {"width": self.size[0], "height": self.size[1], "background": colour}
+        fields |= {"rgba": 1} if self.rgba else {}
         return {"job": job_layout(self.config).const(fields).as_bits()}
 
     def positions(self) -> np.ndarray:
@@ -137,13 +141,15 @@ class Lists:
         pixels in the image."""
         (width, height), record = self.size, raster.pixels_record(self.config)
         side = group_pixels(self.config)
-        whole, inside = np.zeros((2, height + side, width + side, 3), np.uint8)
-        whole[:height, :width], inside[:height, :width] = self.golden.pixels, 255
+        stored, known = pixel_bytes(self.config.rgba), pixel_bytes(self.rgba)
+        whole, inside = np.zeros((2, height + side, width + side, stored), np.uint8)
+        whole[:height, :width, :known], inside[:height, :width, :known] = self.golden.pixels, 255
         x, y = block_places(self.config, number, self.groups, self.size).T * BLOCK
         step = np.arange(BLOCK)
         at = y[:, None, None] + step[:, None], x[:, None, None] + step
         return tuple(
-            record.pack({"pixels": image[at].reshape(len(x), -1, 3)}) for image in (whole, inside)
+            record.pack({"pixels": image[at].reshape(len(x), -1, stored)})
+            for image in (whole, inside)
         )
 
     def case(self) -> Case:

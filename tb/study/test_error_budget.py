@@ -119,8 +119,8 @@ def test_a_fault_of_the_machine(exact, monkeypatch):
     assert u["arithmetic"] > 100 * before["arithmetic"]
 
     # wrong depths count as the keys' error alone: arithmetic is judged in exact order
-    z = points.projected["z"][::-1].copy()
-    wrong = squares(exact, replace(points, projected=points.projected | {"z": z}))
+    codes = points.codes | {"z": points.codes["z"][::-1].copy()}
+    wrong = squares(exact, replace(points, codes=codes))
     assert [name for name in MACHINE if wrong[name] != before[name]] == ["depth keys"]
     assert wrong["depth keys"] > 1e-3
 
@@ -165,7 +165,7 @@ def test_keys_are_golden_s(exact):
     kept = frame.points.index != gone
     less = SimpleNamespace(
         index=frame.points.index[kept], frame=frame.points.frame,
-        projected={k: v[kept] if np.ndim(v) else v for k, v in frame.points.projected.items()},
+        codes={name: code[kept] for name, code in frame.points.codes.items()},
     )  # fmt: skip
     between = budgets.keys_of(DEFAULT, exact, less)
     assert between == pytest.approx(found, abs=2 * np.diff(found).max())

@@ -46,7 +46,7 @@ class Host:
         pause(host.master.write_if, host.master.read_if, pattern)
         for name in (*INPUTS, *VALUES):
             getattr(dut, name).value = 0
-        Clock(dut.clk, PERIOD, "ns").start()
+        Clock(dut.clk, PERIOD, "ns").start(start_high=False)
         await reset(dut, 3)
         cocotb.start_soon(host.watch())
         return host
