@@ -72,14 +72,14 @@ class DifferenceError(AssertionError):
 
 @dataclass(frozen=True)
 class Proof:
-    """Bits that were proven equal.
+    """What was proven.
 
-    points: all, registers and inputs of memories included
-    registers: registers of the netlist
+    bits: equal ones: outputs, inputs of memories, next values of registers
+    registers: of the netlist
     constants: registers of the RTL that keep their initial values, left out of the netlist
     """
 
-    points: int
+    bits: int
     registers: int
     constants: int
 
@@ -189,7 +189,9 @@ def prove(rtl: Netlist, netlist: str, library: Library) -> Proof:
     facts = _facts(logic, logic.registers.keys() - set(matched.values()), sizes)
     names, text = _circuit(logic, facts, cells, matched)
     if left := _left(names, text):
-        raise DifferenceError(f"{len(left)} of {len(names)} bits differ: {_few(left)}")
+        raise DifferenceError(
+            f"{len(left)} of {len(names)} bits are not proven equal: {_few(left)}"
+        )
     registers = len(set(cells.instances.values()))
     return Proof(len(names), registers, len(facts.constants))
 
