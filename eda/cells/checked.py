@@ -1,7 +1,8 @@
 """Output of `splatcore synth --liberty --check`: proofs that netlists and RTL are equivalent."""
 
 from splatcore.eda.cells.cell_netlist import CellNetlist
-from splatcore.eda.cells.equivalence import DifferenceError, prove
+from splatcore.eda.cells.equivalence import prove
+from splatcore.eda.cells.logic import DifferenceError
 from splatcore.eda.cells.opensta import verilog
 from splatcore.eda.gates.synth import Netlist
 from splatcore.sim.common.output import console, messages, progress_bar

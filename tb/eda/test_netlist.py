@@ -2,19 +2,27 @@
 netlist and RTL are equivalent."""
 
 import re
-from functools import cache
+from functools import cache, partial
 
 import pytest
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
 
+from splatcore.eda.cells import checked
 from splatcore.eda.cells.cell_models import cell_model, simulated
-from splatcore.eda.cells.equivalence import DifferenceError, prove
+from splatcore.eda.cells.equivalence import prove
 from splatcore.eda.cells.liberty_file import read_liberty
+from splatcore.eda.cells.logic import DifferenceError
 from splatcore.eda.cells.opensta import verilog
 from splatcore.eda.cells.silicon import silicon
+from splatcore.eda.cells.silicon_tables import PARTS
 from splatcore.eda.gates.synth import Netlist
 from splatcore.hdl.sorting.merge import Merge
 from splatcore.sim.rtl.streams import Simulation
-from splatcore.spec.config import TINY
+from splatcore.spec.config import DEFAULT, TINY
+from tb.helpers.command import check_documented, load, run
 from tb.helpers.liberty import liberty_files
 from tb.helpers.runs import marked
 from tb.stages.table import STAGES
@@ -55,9 +63,8 @@ def test_netlist_equals_golden(liberty_path, name, file):
 def test_a_wrong_cell_is_found(liberty_path):
     """A NAND2 that is an AND: one cell of the netlist."""
     text = netlist(QUICK, liberty_path)
-    wrong = "module WRONG (input A, input B, output Y);\n  assign Y = A & B;\nendmodule\n"
     with pytest.raises(AssertionError):
-        check(QUICK, with_and(text) + wrong)
+        check(QUICK, with_and(text) + WRONG)
 
 
 def with_and(text: str) -> str:
@@ -67,6 +74,9 @@ def with_and(text: str) -> str:
     return changed
 
 
+WRONG = "module WRONG (input A, input B, output Y);\n  assign Y = A & B;\nendmodule\n"
+
+
 @pytest.mark.slow
 def test_proof_of_equivalence(library):
     """The merge of runs is proven, and not with an AND in place of a NAND2."""
@@ -74,10 +84,89 @@ def test_proof_of_equivalence(library):
     netlist = silicon(Merge(TINY), library)
     text = verilog(netlist.netlist, "top")
     proof = prove(rtl, text, library)
-    assert proof.registers == netlist.facts["flip_flops"] and proof.points > proof.registers
-    wrong = with_and(text) + "module WRONG (input A, input B, output Y);\n  assign Y = A & B;\n"
-    with pytest.raises(DifferenceError, match="of 333 bits differ"):
-        prove(rtl, wrong + "endmodule\n", library)
+    assert proof.registers == netlist.facts["flip_flops"] and proof.bits > proof.registers
+    with pytest.raises(DifferenceError, match="of 333 bits are not proven equal: "):
+        prove(rtl, with_and(text) + WRONG, library)
+
+
+PROVEN = [
+    *((TINY, name) for name in ("add", "multiply", "merge", "sub_sorter", "cull", "place")),
+    *((DEFAULT, name) for name in ("merge", "sub_sorter")),
+]
+"""Machines and parts."""
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("file", [pytest.param(None, id="small"), *liberty_files()])
+@pytest.mark.parametrize(("config", "name"), PROVEN, ids=lambda each: getattr(each, "name", each))
+def test_proofs_of_parts(liberty_path, config, name, file):
+    library, component = read_liberty(file or liberty_path), partial(PARTS[name], config)
+    netlist = silicon(component(), library)
+    proof = prove(Netlist.of(component()), verilog(netlist.netlist, "top"), library)
+    assert proof.registers == netlist.facts["flip_flops"]
+
+
+class Words(wiring.Component):
+    """Words in flip-flops, read in turn: beyond the last one a word is undefined. Two registers
+    have equal inputs."""
+
+    i: In(2)
+    o: Out(4)
+
+    def __init__(self, turns: int):
+        super().__init__()
+        self.turns = turns
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.storage = storage = Memory(shape=2, depth=5, init=[])
+        write, read = storage.write_port(), storage.read_port(domain="comb")
+        place, one, other = Signal(3), Signal(2), Signal(2)
+        m.d.comb += [write.addr.eq(place), write.data.eq(self.i), write.en.eq(1)]
+        m.d.comb += [read.addr.eq(place), self.o.eq(Cat(read.data ^ one, other))]
+        m.d.sync += [place.eq(Mux(place == self.turns - 1, 0, place + 1))]
+        m.d.sync += [one.eq(self.i + 1), other.eq(self.i + 1)]
+        return m
+
+
+def test_undefined_words(library):
+    """Words beyond the end must never be read: an address that stays below the end is proven, and
+    one register stands for two. If the address goes further, nothing is assumed."""
+    for turns in (5, 6):
+        rtl = Netlist.of(Words(turns))
+        text = verilog(silicon(Words(turns), library).netlist, "top")
+        if turns == 5:
+            assert prove(rtl, text, library).left_out == 2
+        else:
+            with pytest.raises(DifferenceError, match="are not proven equal: "):
+                prove(rtl, text, library)
+
+
+def test_a_wrong_clock(library):
+    """A flip-flop on another clock than the port's."""
+    text = verilog(silicon(Words(5), library).netlist, "top")
+    wrong = text.replace(".CK(clk)", ".CK(i[0])", 1)
+    assert wrong != text
+    with pytest.raises(DifferenceError, match="1 clocks are not the port clk"):
+        prove(Netlist.of(Words(5)), wrong, library)
+
+
+@pytest.mark.slow
+def test_command(liberty_path, tmp_path, monkeypatch, capsys):
+    """A line per part and one for all; exit status 1 if a cell is wrong."""
+    monkeypatch.chdir(tmp_path)
+    words = "synth", "--stage", "add", "--preset", "tiny", "--liberty", liberty_path, "--check"
+    assert run(*words, "--json", "s.json") == 0
+    found = load(tmp_path / "s.json")["check"]["add"]
+    check_documented("`splatcore synth --liberty`", list(found))
+    assert found["bits"] > found["registers"] > 0 and found["difference"] is None
+    assert "Netlists proven equivalent to their RTL: 1 of 1." in capsys.readouterr().out
+
+    monkeypatch.setattr(checked, "verilog", lambda *given: with_and(verilog(*given)) + WRONG)
+    assert run(*words) == 1
+    printed = capsys.readouterr()
+    assert re.search(r"add: \d+ of 128 bits are not proven equal: \S+", printed.err)
+    assert "RTL: 0 of 1." in printed.out
 
 
 def test_cells_without_model(library):
