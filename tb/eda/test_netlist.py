@@ -90,15 +90,22 @@ def test_proof_of_equivalence(library):
 
 
 PROVEN = [
-    *((TINY, name) for name in ("add", "multiply", "merge", "sub_sorter", "cull", "place")),
-    *((DEFAULT, name) for name in ("merge", "sub_sorter")),
+    (config, name, file)
+    for config, names, files in (
+        (TINY, ("add", "merge", "sub_sorter"), [None, *liberty_files()]),
+        (TINY, ("multiply", "cull", "place", "evaluate"), [None]),
+        (DEFAULT, ("sub_sorter",), [None]),
+    )
+    for name in names
+    for file in files
 ]
-"""Machines and parts."""
+"""Machines, parts and libraries; None is the small one."""
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("file", [pytest.param(None, id="small"), *liberty_files()])
-@pytest.mark.parametrize(("config", "name"), PROVEN, ids=lambda each: getattr(each, "name", each))
+@pytest.mark.parametrize(
+    ("config", "name", "file"), PROVEN, ids=lambda each: getattr(each, "name", each or "small")
+)
 def test_proofs_of_parts(liberty_path, config, name, file):
     library, component = read_liberty(file or liberty_path), partial(PARTS[name], config)
     netlist = silicon(component(), library)
