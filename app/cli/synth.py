@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from splatcore.app.cli.options import FOLDER, PRESET, command, listed, option
+from splatcore.app.cli.options import FOLDER, PRESET, command, listed, option, result
 from splatcore.eda import paper
 from splatcore.eda.gates.machine_gates import synthesise_machine
 from splatcore.eda.gates.synth import DEPTH_MAX, gates
@@ -31,6 +31,12 @@ def synth_command(
     process: float | None = option(
         None, "NM", "Process of the library, for scaling its area to 28 nm.", min=1.0, panel=CELLS
     ),
+    check: bool = option(
+        False,
+        None,
+        "With --liberty: prove that each netlist of cells is equivalent to its RTL.",
+        panel=CELLS,
+    ),
     output: Path | None = option(
         None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
     ),
@@ -43,27 +49,28 @@ def synth_command(
 
     With --liberty: area in um² and the library's NAND2-equivalents; the longest path in ps and FO4
     (delay of an inverter that drives four), with its cells and end points, without and with wires.
-    Assumptions: docs/silicon.md.
+    Assumptions: docs/silicon.md. With --check the exit status is 1 if a bit of a netlist is not
+    proven equal to the RTL's.
 
     top is the whole machine, part by part, checked for latches, loops, and wires with several
     drivers or none; with --liberty paths cross parts. The first run takes up to half an hour; parts
     are cached (see `splatcore cache`).
     """
     check_known("--stage", ("top", *PARTS), *stage)
-    for name, value in {"-o": output, "--process": process}.items():
-        if value is not None and liberty is None:
+    for name, value in {"-o": output, "--process": process, "--check": check}.items():
+        if value not in (None, False) and liberty is None:
             raise InputError(f"{name} {value}: goes with --liberty only")
     facts = {"preset": config.name}
     if liberty is not None:
         from splatcore.eda.cells.silicon_tables import print_silicon
 
-        facts |= print_silicon(config, stage, liberty, process, output)
+        facts |= print_silicon(config, stage, liberty, process, output, check)
     else:
         if parts := [name for name in stage if name != "top"]:
             facts["stages"] = _synthesise_parts(config, parts)
         if "top" in stage:
             facts["top"] = synthesise_machine(config)
-    return facts
+    return result(facts, any(each["difference"] for each in facts.get("check", {}).values()))
 
 
 COLUMNS = [Column("stage")] + [

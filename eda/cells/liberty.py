@@ -124,12 +124,17 @@ class Cell:
         return False
 
 
+def expression(function: str) -> str:
+    """A liberty function with the operators ~ & ^ | of Python and Verilog."""
+    text = re.sub(r"(\w+|\([^()]*\))\s*'", r"~\1", function).replace("!", "~")
+    text = re.sub(r"(?<=[\w)])\s+(?=[\w(~])", "&", text.strip())
+    return text.replace("*", "&").replace("+", "|")
+
+
 def evaluated(function: str, pins: list[str]) -> list[int]:
     """Truth table of a liberty function; the first pin changes slowest. Empty if the function has
     names that are not pins."""
-    text = re.sub(r"(\w+|\([^()]*\))\s*'", r"~\1", function).replace("!", "~")
-    text = re.sub(r"(?<=[\w)])\s+(?=[\w(~])", "&", text.strip())
-    text = text.replace("*", "&").replace("+", "|")
+    text = expression(function)
     known = {*pins, "0", "1"}
     if not re.fullmatch(r"[\w~&|^() ]+", text) or set(re.findall(r"\w+", text)) - known:
         return []

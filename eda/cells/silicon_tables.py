@@ -4,6 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from splatcore.eda import paper
+from splatcore.eda.cells.checked import print_checks
 from splatcore.eda.cells.liberty import Library
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.cells.opensta import write_opensta
@@ -25,8 +26,9 @@ from splatcore.eda.cells.static_timing import (
     Assumed,
 )
 from splatcore.eda.deliver.verilog import constraints
-from splatcore.eda.gates.machine_gates import netlist, parts_table
+from splatcore.eda.gates.machine_gates import netlist, parts_table, whole
 from splatcore.eda.gates.macros import memory_size
+from splatcore.eda.gates.synth import Netlist
 from splatcore.hdl.stages import CONTROL, PRIMITIVES, STAGES
 from splatcore.sim.common.output import console, make_folder, progress_bar, write
 from splatcore.sim.common.table import Column, Table, comma_separated, shown
@@ -71,7 +73,12 @@ PATHS = ("longest", "between_registers", "longest_with_wires")
 
 
 def print_silicon(
-    config: Config, stages: list[str], liberty: str, process: float | None, output: Path | None
+    config: Config,
+    stages: list[str],
+    liberty: str,
+    process: float | None,
+    output: Path | None,
+    check: bool,
 ) -> dict:
     """Print stages, or the whole machine, in cells of a library.
 
@@ -79,6 +86,7 @@ def print_silicon(
     liberty: the library's file
     process: its feature size in nm, to scale its area to 28 nm
     output: folder for OpenSTA's files
+    check: whether to prove that netlists and RTL are equivalent
     Returns the same figures for a JSON file.
     """
     library = read_liberty(liberty)
@@ -104,7 +112,14 @@ def print_silicon(
             shipped = constraints(config, each.netlist.port_names()) if name == "top" else None
             for path in write_opensta(each.timing, liberty, name, output, shipped):
                 console.print(str(path), soft_wrap=True)
+    if check:
+        rtl = {name: _rtl(config, name) for name in found}
+        facts["check"] = print_checks({k: (rtl[k], each.netlist) for k, each in found.items()})
     return facts
+
+
+def _rtl(config: Config, name: str) -> Netlist:
+    return whole(netlist(config)) if name == "top" else Netlist.of(PARTS[name](config))
 
 
 def _about(library: Library) -> dict:
@@ -148,19 +163,19 @@ def _described(path: dict) -> str:
 
 
 def _print_machine(
-    config: Config, library: Library, parts: list[Placed], whole: Silicon, process: float | None
+    config: Config, library: Library, parts: list[Placed], machine: Silicon, process: float | None
 ) -> dict:
     """Print the machine's parts, slow paths across them, mm² at 28 nm; return them for JSON."""
     title = f"preset {config.name} in {library.name}"
     parts_table(title, PART_COLUMNS, parts, partial(_row, library)).print()
-    cells, total = len(whole.netlist.kinds), sum(each.um2 for each in parts)
+    cells, total = len(machine.netlist.kinds), sum(each.um2 for each in parts)
     _print(
-        f"Assembled: {cells:,} cells, {whole.netlist.area:,.0f} um²; the sum of the parts is "
-        f"{total:,.0f} um². Memories: {len(whole.netlist.memories)}."
+        f"Assembled: {cells:,} cells, {machine.netlist.area:,.0f} um²; the sum of the parts is "
+        f"{total:,.0f} um². Memories: {len(machine.netlist.memories)}."
     )
-    paths = long_paths(whole.timing)
+    paths = long_paths(machine.timing)
     Table.of("paths", "", PATH_COLUMNS, paths).print()
-    sizes = (memory_size(module) for _, module, _ in whole.netlist.memories)
+    sizes = (memory_size(module) for _, module, _ in machine.netlist.memories)
     kilobytes = sum(words * bits for words, bits in sizes) / 8 / KB
     mm2 = area_28nm(total / library.nand2.area, kilobytes)
     if process:

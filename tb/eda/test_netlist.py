@@ -1,0 +1,184 @@
+"""Netlists of cells against the golden model, in the bench of each stage with stalls; proofs that
+netlist and RTL are equivalent."""
+
+import re
+from functools import cache, partial
+
+import pytest
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from splatcore.eda.cells import checked
+from splatcore.eda.cells.cell_models import cell_model, simulated
+from splatcore.eda.cells.equivalence import prove
+from splatcore.eda.cells.liberty_file import read_liberty
+from splatcore.eda.cells.logic import DifferenceError
+from splatcore.eda.cells.opensta import verilog
+from splatcore.eda.cells.silicon import silicon
+from splatcore.eda.cells.silicon_tables import PARTS
+from splatcore.eda.gates.synth import Netlist
+from splatcore.hdl.sorting.merge import Merge
+from splatcore.sim.rtl.streams import Simulation
+from splatcore.spec.config import DEFAULT, TINY
+from tb.helpers.command import check_documented, load, run
+from tb.helpers.liberty import liberty_files
+from tb.helpers.runs import marked
+from tb.stages.table import STAGES
+
+QUICK = "expand"
+
+ON_STREAMS = tuple(list(STAGES)[:-3])
+"""Stages without memory."""
+
+LIBRARIES = [pytest.param(None, id="small")] + [
+    pytest.param(file, id=file.name, marks=pytest.mark.verify) for file in liberty_files()
+]
+
+
+@cache
+def netlist(name: str, file) -> str:
+    """Verilog of a stage's netlist, with models of its cells."""
+    return simulated(silicon(STAGES[name].component(), read_liberty(file)).netlist)
+
+
+def check(name: str, source: str):
+    """Run a stage's cases on a netlist, without and with stalls."""
+    stage = STAGES[name]
+    simulation = Simulation(stage.component(), source=source)
+    for kind, case in stage.cases().items():
+        for seed, stall in enumerate((0.0, 0.3, 0.7)):
+            case.check(simulation, f"{kind}: ", stall=stall, seed=seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", LIBRARIES)
+@pytest.mark.parametrize("name", marked(ON_STREAMS, set(ON_STREAMS) - {QUICK}))
+def test_netlist_equals_golden(liberty_path, name, file):
+    check(name, netlist(name, file or liberty_path))
+
+
+@pytest.mark.slow
+def test_a_wrong_cell_is_found(liberty_path):
+    """A NAND2 that is an AND: one cell of the netlist."""
+    text = netlist(QUICK, liberty_path)
+    with pytest.raises(AssertionError):
+        check(QUICK, with_and(text) + WRONG)
+
+
+def with_and(text: str) -> str:
+    """A netlist with the module WRONG in place of its first NAND2."""
+    changed = re.sub(r"^  NAND2_\d+ ", "  WRONG ", text, count=1, flags=re.M)
+    assert changed != text
+    return changed
+
+
+WRONG = "module WRONG (input A, input B, output Y);\n  assign Y = A & B;\nendmodule\n"
+
+
+@pytest.mark.slow
+def test_proof_of_equivalence(library):
+    """The merge of runs is proven, and not with an AND in place of a NAND2."""
+    rtl = Netlist.of(Merge(TINY))
+    netlist = silicon(Merge(TINY), library)
+    text = verilog(netlist.netlist, "top")
+    proof = prove(rtl, text, library)
+    assert proof.registers == netlist.facts["flip_flops"] and proof.bits > proof.registers
+    with pytest.raises(DifferenceError, match="of 333 bits are not proven equal: "):
+        prove(rtl, with_and(text) + WRONG, library)
+
+
+PROVEN = [
+    (config, name, file)
+    for config, names, files in (
+        (TINY, ("add", "merge", "sub_sorter"), [None, *liberty_files()]),
+        (TINY, ("multiply", "cull", "place", "evaluate"), [None]),
+        (DEFAULT, ("sub_sorter",), [None]),
+    )
+    for name in names
+    for file in files
+]
+"""Machines, parts and libraries; None is the small one."""
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize(
+    ("config", "name", "file"), PROVEN, ids=lambda each: getattr(each, "name", each or "small")
+)
+def test_proofs_of_parts(liberty_path, config, name, file):
+    library, component = read_liberty(file or liberty_path), partial(PARTS[name], config)
+    netlist = silicon(component(), library)
+    proof = prove(Netlist.of(component()), verilog(netlist.netlist, "top"), library)
+    assert proof.registers == netlist.facts["flip_flops"]
+
+
+class Words(wiring.Component):
+    """Words in flip-flops, read in turn: beyond the last one a word is undefined. Two registers
+    have equal inputs."""
+
+    i: In(2)
+    o: Out(4)
+
+    def __init__(self, turns: int):
+        super().__init__()
+        self.turns = turns
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.storage = storage = Memory(shape=2, depth=5, init=[])
+        write, read = storage.write_port(), storage.read_port(domain="comb")
+        place, one, other = Signal(3), Signal(2), Signal(2)
+        m.d.comb += [write.addr.eq(place), write.data.eq(self.i), write.en.eq(1)]
+        m.d.comb += [read.addr.eq(place), self.o.eq(Cat(read.data ^ one, other))]
+        m.d.sync += [place.eq(Mux(place == self.turns - 1, 0, place + 1))]
+        m.d.sync += [one.eq(self.i + 1), other.eq(self.i + 1)]
+        return m
+
+
+def test_undefined_words(library):
+    """Words beyond the end must never be read: an address that stays below the end is proven, and
+    one register stands for two. If the address goes further, nothing is assumed."""
+    for turns in (5, 6):
+        rtl = Netlist.of(Words(turns))
+        text = verilog(silicon(Words(turns), library).netlist, "top")
+        if turns == 5:
+            assert prove(rtl, text, library).left_out == 2
+        else:
+            with pytest.raises(DifferenceError, match="are not proven equal: "):
+                prove(rtl, text, library)
+
+
+def test_a_wrong_clock(library):
+    """A flip-flop on another clock than the port's."""
+    text = verilog(silicon(Words(5), library).netlist, "top")
+    wrong = text.replace(".CK(clk)", ".CK(i[0])", 1)
+    assert wrong != text
+    with pytest.raises(DifferenceError, match="1 clocks are not the port clk"):
+        prove(Netlist.of(Words(5)), wrong, library)
+
+
+@pytest.mark.slow
+def test_command(liberty_path, tmp_path, monkeypatch, capsys):
+    """A line per part and one for all; exit status 1 if a cell is wrong."""
+    monkeypatch.chdir(tmp_path)
+    words = "synth", "--stage", "add", "--preset", "tiny", "--liberty", liberty_path, "--check"
+    assert run(*words, "--json", "s.json") == 0
+    found = load(tmp_path / "s.json")["check"]["add"]
+    check_documented("`splatcore synth --liberty`", list(found))
+    assert found["bits"] > found["registers"] > 0 and found["difference"] is None
+    assert "Netlists proven equivalent to their RTL: 1 of 1." in capsys.readouterr().out
+
+    monkeypatch.setattr(checked, "verilog", lambda *given: with_and(verilog(*given)) + WRONG)
+    assert run(*words) == 1
+    printed = capsys.readouterr()
+    assert re.search(r"add: \d+ of 128 bits are not proven equal: \S+", printed.err)
+    assert "RTL: 0 of 1." in printed.out
+
+
+def test_cells_without_model(library):
+    """A latch has no model, nor has a function of other names."""
+    cell = type(library.nand2)("L", 1.0, {"D": (0, 0)}, {"Q": "IQ"}, {"other": "latch"}, (), False,
+                               (), 0.0)  # fmt: skip
+    with pytest.raises(ValueError, match="L: no model"):
+        cell_model(cell)
