@@ -8,9 +8,14 @@ from pathlib import Path
 import pytest
 
 SECONDS = Path(__file__).parent / "seconds.json"
-"""Seconds per test file, and of each test of at least `SLOW`, of a whole `make test`."""
+"""Seconds per test file, and per test, of those of at least `SLOW`, of a whole `make test`."""
 
-SLOW = 0.1  # seconds
+SLOW = 0.5  # seconds
+
+QUICK = 1  # second
+ALWAYS = "tb/test_house.py"
+"""With --quick: files that take less than `QUICK` in all, so that no fixture is long either, and
+the rules of the repository."""
 
 LONG = Path(__file__).parent / "long.txt"
 """Tests that get the mark `long`, one per line: 6 s of CPU or more, and not the only ones of a part
@@ -19,7 +24,7 @@ or of a command. `make verify` and the judges of planted faults run them."""
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--record-seconds", action="store_true", help=f"write {SECONDS.name}")
-    parser.addoption("--quick", action="store_true", help=f"no test that takes {SLOW} s or more")
+    parser.addoption("--quick", action="store_true", help=f"only files of less than {QUICK} s")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -46,16 +51,21 @@ class Recorder:
 @pytest.hookimpl(tryfirst=True)  # before -m selects by mark
 def pytest_collection_modifyitems(config: pytest.Config, items: list) -> None:
     """Mark the tests of `LONG` as long. Put tests of slow files first; xdist needs
-    `--no-loadscope-reorder` for it. With --quick, leave out long tests."""
+    `--no-loadscope-reorder` for it. With --quick, leave out long files."""
     long = set(LONG.read_text().splitlines())
     for item in items:
         if item.nodeid in long:
             item.add_marker(pytest.mark.long)
     seconds = json.loads(SECONDS.read_text())
-    items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], 0))
+
+    def spent(item: pytest.Item) -> float:
+        return seconds.get(item.nodeid.split("::")[0], 0)
+
+    items.sort(key=lambda item: -spent(item))
     if config.getoption("quick"):
-        config.hook.pytest_deselected(items=[item for item in items if item.nodeid in seconds])
-        items[:] = [item for item in items if item.nodeid not in seconds]
+        quick = [item.nodeid.startswith(ALWAYS) or spent(item) < QUICK for item in items]
+        config.hook.pytest_deselected(items=[i for i, q in zip(items, quick, strict=True) if not q])
+        items[:] = [item for item, kept in zip(items, quick, strict=True) if kept]
 
 
 @pytest.fixture(scope="session")
