@@ -57,9 +57,10 @@ def synth_command(
     are cached (see `splatcore cache`).
     """
     check_known("--stage", ("top", *PARTS), *stage)
-    for name, value in {"-o": output, "--process": process, "--check": check}.items():
-        if value not in (None, False) and liberty is None:
-            raise InputError(f"{name} {value}: goes with --liberty only")
+    given = {f"-o {output}": output, f"--process {process}": process, "--check": check or None}
+    for words, value in given.items():
+        if value is not None and liberty is None:
+            raise InputError(f"{words}: goes with --liberty only")
     facts = {"preset": config.name}
     if liberty is not None:
         from splatcore.eda.cells.silicon_tables import print_silicon
