@@ -26,11 +26,18 @@ help:
 
 install: .venv/installed
 
+# --no-compile: only the modules that are imported are compiled, by the first import.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+
 .venv/installed: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "Splatcore needs Python 3.11 or newer: make PYTHON=python3.12 …"; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	$(PIP) --editable .
+	@touch $@
+
+.venv/test: pyproject.toml .venv/installed
+	$(PIP) --editable '.[test]'
 	@touch $@
 
 demo: install
@@ -60,7 +67,7 @@ commands: install
 	$(BIN)/python -m splatcore.study.results.known > study/results/rules.mk
 	$(BIN)/python -m splatcore.study.results.page docs/json.md
 
-test: install
+test: .venv/test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(PYTEST) -m "not verify and not long and not testbenches" $(if $(RECORD),--record-seconds)
@@ -69,25 +76,25 @@ test-compress: .venv/compress
 	$(PYTEST) -m compress
 
 # Prints one line per run of a stage, or one line for all of Icarus if it is not installed.
-testbenches: install
+testbenches: .venv/test
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -rPsfE --show-capture=stdout tb/stages
 
 # Programs with counters are compiled separately and are several times slower, so long lists (20,000
 # entries) and frames of DEFAULT are left out.
-coverage: install
+coverage: .venv/test
 	rm -rf out/coverage && mkdir -p out/coverage
 	SPLATCORE_COVERAGE=$(CURDIR)/out/coverage $(PYTEST) -m "not verify and not long" \
 		$(or $(TESTS),tb/machine -k "not long_list and not test_machine_default")
 	$(SPLATCORE) coverage out/coverage --json out/coverage.json
 
-verify: install
+verify: .venv/test
 	$(PYTEST) -m "verify or long"
 
-.venv/compress: pyproject.toml .venv/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,compress]'
+.venv/compress: pyproject.toml .venv/test
+	$(PIP) --editable '.[test,compress]'
 	@touch $@
 
-check: install
+check: .venv/test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(PYTEST) --quick -m "not slow and not scenes and not verify and not long and not testbenches and not compress"

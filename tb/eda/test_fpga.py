@@ -201,6 +201,13 @@ def nextpnr(monkeypatch, tmp_path):
     return asked
 
 
+def test_without_nextpnr(monkeypatch, tmp_path, capsys):
+    """The error names the extra that installs it."""
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    assert run("fpga", "--stage", "cull") == 2
+    assert "pip install 'splatcore[fpga]'" in capsys.readouterr().err
+
+
 def test_whole(monkeypatch, nextpnr, tmp_path, capsys):
     """`--whole` places with three seeds and reports the fastest; all results are kept."""
     monkeypatch.setattr(sizes, "Top", lambda config: Register(3))

@@ -57,8 +57,9 @@ def check_documented(heading: str, keys: Iterable[str]):
 def make(*words: str, **variables: str) -> subprocess.CompletedProcess:
     """Run make in the repository, without installing, and without variables of an outer make."""
     variables = [f"{name}={value}" for name, value in variables.items()]
+    made = ("install", ".venv/installed", ".venv/test")
     return subprocess.run(
-        ["make", "-o", "install", "-o", ".venv/installed", *variables, *words], cwd=ROOT,
+        ["make", *(f"--old-file={name}" for name in made), *variables, *words], cwd=ROOT,
         env={name: value for name, value in os.environ.items() if "MAKE" not in name},
         capture_output=True, text=True,
     )  # fmt: skip
