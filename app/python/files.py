@@ -27,7 +27,7 @@ def write(path: str | os.PathLike, thing: np.ndarray | PackedModel | Scene, plai
 
     path: must end in .png, .splatcore or .ply (3DGS), respectively
     thing: the picture [H, W, 3] (uint8, or float with 1 for white, clipped and rounded to 8 bits),
-        model or scene
+        or [H, W, 4] with alpha and premultiplied colour; model; scene
     plain: write the plain bytes of DRAM instead of a coded file; for models only
 
     The file is written as a whole or not at all; an existing one is replaced, except the file that
@@ -43,7 +43,7 @@ def write(path: str | os.PathLike, thing: np.ndarray | PackedModel | Scene, plai
         raise InputError("plain: is for packed models only")
     output.check_writable(path)
     if isinstance(thing, np.ndarray):
-        return write_png(path, pixels("thing", thing))
+        return write_png(path, pixels("thing", thing, alpha=True))
     _check_own("write", path, thing)
     if isinstance(thing, PackedModel):
         return output.write(path, file_bytes(thing, plain))

@@ -57,16 +57,20 @@ def pack(
 
 
 def render_reference(
-    scene: Scene | PackedModel, camera: Camera, background: Colour = (0, 0, 0)
+    scene: Scene | PackedModel,
+    camera: Camera,
+    background: Colour = (0, 0, 0),
+    rgba: bool = False,
 ) -> np.ndarray:
     """Render a scene or model by the float64 reference.
 
     background: RGB, each 0 … 1
+    rgba: add alpha; colour is premultiplied, without a background
 
-    Returns float64 [H, W, 3], RGB ≥ 0 with 1 for white, not clipped above. Gaussians with NaN or
-    Inf are left out. Raises InputError, naming the wrong argument.
+    Returns float64 [H, W, 3 or 4], RGB ≥ 0 with 1 for white, not clipped above. Gaussians with NaN
+    or Inf are left out. Raises InputError, naming the wrong argument.
     """
-    return engines.reference(_shot(check.shown(scene), camera, DEFAULT, background)).image
+    return engines.reference(_shot(check.shown(scene), camera, DEFAULT, background, rgba)).image
 
 
 def render_golden(
@@ -74,16 +78,19 @@ def render_golden(
     camera: Camera,
     config: Config | str = DEFAULT,
     background: Colour = (0, 0, 0),
+    rgba: bool = False,
 ) -> np.ndarray:
     """Render a model as a machine does, to the bit, by the golden model.
 
     config: the machine, or a preset's name
     background: RGB, each 0 … 1
+    rgba: add alpha; colour is premultiplied, without a background. The machine needs `rgba`, as in
+        `preset("DEFAULT", rgba=True)`.
 
-    Returns uint8 [H, W, 3]. Raises InputError for a picture too large for the machine, and for a
-    model packed for another machine.
+    Returns uint8 [H, W, 3 or 4]. Raises InputError for a picture too large for the machine, for
+    alpha of a machine without it, and for a model packed for another machine.
     """
-    return _frame(model, camera, check.machine(config), background).pixels
+    return _frame(model, camera, check.machine(config), background, rgba).pixels
 
 
 def cycles(
@@ -100,7 +107,7 @@ def cycles(
         fps: frames per second at 800 MHz
     """
     config = check.machine(config)
-    found = frame_cycles(config, _frame(model, camera, config, (0, 0, 0)))
+    found = frame_cycles(config, _frame(model, camera, config))
     return found.by_name | {"fps": round(CLOCK_HZ / found.frame, 1)}
 
 
@@ -123,35 +130,47 @@ def compare(image: np.ndarray, truth: np.ndarray) -> Difference:
     return difference(one, other)
 
 
-def pixels(name: str, picture: np.ndarray) -> np.ndarray:
-    """Return a picture as uint8 [H, W, 3]; raise InputError, naming the argument, if it is none."""
+def pixels(name: str, picture: np.ndarray, alpha: bool = False) -> np.ndarray:
+    """Return a picture as uint8 [H, W, 3]; raise InputError, naming the argument, if it is none.
+
+    alpha: accept [H, W, 4], too
+    """
     found = np.asarray(picture)
-    if found.ndim != 3 or found.shape[2] != 3 or not found.size:
-        raise InputError(f"{name}: has shape {found.shape}, not (height, width, 3)")
+    if found.ndim != 3 or found.shape[2] not in ((3, 4) if alpha else (3,)) or not found.size:
+        wanted = "3 or 4" if alpha else "3"
+        raise InputError(f"{name}: has shape {found.shape}, not (height, width, {wanted})")
     if found.dtype == np.uint8:
         return found
     if not np.issubdtype(found.dtype, np.floating):
         raise InputError(f"{name}: has type {found.dtype}, not uint8 or float")
-    found = check.array(name, found, (None, None, 3))
+    found = check.array(name, found, (None, None, found.shape[2]))
     return np.rint(np.clip(found, 0, 1) * LEVELS).astype(np.uint8)
 
 
 def _frame(
-    model: PackedModel, camera: Camera, config: Config, background: Colour
+    model: PackedModel,
+    camera: Camera,
+    config: Config,
+    background: Colour = (0, 0, 0),
+    rgba: bool = False,
 ) -> pipeline.Frame:
     """Check the arguments and render the golden model's frame."""
     if isinstance(model, Scene):
         raise InputError("model: is a Scene; pack it first with splatcore.pack")
     check.kind("model", model, PackedModel)
-    return engines.golden(_shot(model, camera, config, background))
+    return engines.golden(_shot(model, camera, config, background, rgba))
 
 
-def _shot(shown: Scene | PackedModel, camera: Camera, config: Config, background: Colour) -> Shot:
+def _shot(
+    shown: Scene | PackedModel, camera: Camera, config: Config, background: Colour, rgba: bool
+) -> Shot:
     """Check the camera and the background, and return the frame, whose progress is not shown."""
+    if rgba and any(background):
+        raise InputError("background: is not used with rgba")
     of = "scene" if isinstance(shown, Scene) else "model"
     convention = replace(SPLATCORE, background=check.colour("background", background))
     source = Source(shown.name, **{of: shown})
-    return Shot(source, check.view(camera), config, convention=convention, bar=_silent)
+    return Shot(source, check.view(camera), config, convention=convention, rgba=rgba, bar=_silent)
 
 
 @contextmanager

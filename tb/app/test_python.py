@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import splatcore
 from splatcore import InputError
@@ -90,6 +91,20 @@ def test_shapes(model, camera):
     assert splatcore.compare(picture, exact[..., ::-1]).psnr_db < 40
 
 
+def test_alpha(camera, tmp_path):
+    """With `rgba`, over a background, the pictures are those rendered with it; PNG keeps alpha."""
+    machine = splatcore.preset("DEFAULT", rgba=True)
+    model = splatcore.pack(splatcore.make_scene(**arrays()), "compact", config=machine)[0]
+    exact = splatcore.render_reference(model, camera, rgba=True)
+    over = exact[..., :3] + (1 - exact[..., 3:]) * (0.25, 0, 1)
+    assert np.allclose(over, splatcore.render_reference(model, camera, (0.25, 0, 1)), atol=1e-12)
+    picture = splatcore.render_golden(model, camera, machine, rgba=True)
+    assert picture.shape == (48, 64, 4) and len(np.unique(picture[..., 3])) > 9
+    assert np.abs(picture / 255 - np.clip(exact, 0, 1)).max() < 0.02
+    splatcore.write(tmp_path / "p.png", picture)
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "p.png"))[..., 3], picture[..., 3])
+
+
 def test_one_gaussian():
     """One Gaussian has the colour, place and extent that its arrays state."""
     turned = [np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)]  # x axis to y axis
@@ -169,6 +184,8 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.cycles(with_array, camera), "preset DEFAULT 'chunk'"),
         (lambda: splatcore.cycles(model, camera, "nope"), "preset 'nope': unknown"),
         (lambda: splatcore.render_golden(model, camera, background=(0, 2, 0)), "background: 2 is"),
+        (lambda: splatcore.render_golden(model, camera, rgba=True), "rgba is false"),
+        (lambda: splatcore.render_reference(scene, camera, (1, 0, 0), True), "background: is not"),
         (lambda: splatcore.pack(scene, "best"), "quality: 'best' is not one of small"),
         (lambda: splatcore.pack(model), "scene: is of type PackedModel"),
         (lambda: splatcore.look_at([0, 0, 0], [0, 0, 0]), "target: is the camera's position"),
