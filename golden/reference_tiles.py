@@ -65,6 +65,7 @@ _smallest_q = LIBRARY.function("smallest_q", int, _reals, _reals, _reals)
 def bin_splats(splats, boxes, width: int, height: int, exact: bool) -> TileLists:
     """Return lists of the tiles in `boxes` [M, 4]; if `exact`, only of tiles really reached."""
     arrays = [np.ascontiguousarray(some) for some in (splats.centre, splats.conic, splats.reach)]
+    boxes = np.ascontiguousarray(boxes, np.int32)
     lengths = np.zeros(-(-width // TILE) * -(-height // TILE), np.int64)
 
     def visit(slot: np.ndarray, splat: np.ndarray):
