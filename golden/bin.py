@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from splatcore.golden.arithmetic import convert, to_fixed
 from splatcore.golden.batches import in_batches
-from splatcore.golden.footprint import footprints
+from splatcore.golden.footprint import LIBRARY, footprints
 from splatcore.spec import feature
 from splatcore.spec import group as records
 from splatcore.spec.binning import PAGE_BITS, bursts_per_page
@@ -20,6 +19,12 @@ from splatcore.spec.record import Codes
 
 PAGE_MAX = (1 << PAGE_BITS) - 1
 """Largest number of a page."""
+
+_integers, _words = np.dtype(np.int64), np.dtype(np.uint64)
+_write_lists = LIBRARY.function(
+    "write_lists", int, _integers, _words, _integers, _integers, _words, _integers, _integers,
+    _integers, result=int,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +64,13 @@ def bin_splats(config: Config, codes: Codes, width: int, height: int, pages: int
     pages: pages of list memory
     """
     found, rows = footprints(config, codes, width, height)
-    counts = np.bincount(found[:, 0], minlength=len(codes["u"]))
+    counts = np.bincount(found["splat"], minlength=len(codes["u"]))
     kept, number = np.flatnonzero(counts), np.cumsum(counts > 0) - 1
-    _, columns = records.group_grid(config, width, height)
-    group = (found[:, 1] >> 16) * columns + (found[:, 1] & 0xFFFF)
+    group = found["group"].astype(np.int64)
     entries = {
-        "key": keys(config, codes)[found[:, 0]],
-        "splat": number[found[:, 0]].astype(np.uint64),
-        "mask": found[:, 2].astype(np.uint64),
+        "key": keys(config, codes)[found["splat"]],
+        "splat": number[found["splat"]].astype(np.uint64),
+        "mask": found["mask"].astype(np.uint64),
     }
     slot = np.zeros((len(group), 8), np.uint8)
     record = records.entry_record(config)
@@ -121,41 +125,7 @@ def write_lists(config: Config, group: np.ndarray, slot: np.ndarray, groups: int
     address, slots = np.zeros(most, np.int64), np.zeros((most, config.burst), np.uint64)
     page, count = np.zeros(groups, np.int64), np.zeros(groups, np.int64)
     per_page = bursts_per_page(config)
-    written, needed = _write(
-        group.astype(np.int64), slot, per_page, pages, address, slots, page, count
-    )
-    return Lists(address[:written], slots[:written], page, count, needed)
-
-
-@njit(cache=True)
-def _write(group, slot, per_page, pages, address, slots, first, count):
-    """Fill bursts, first pages and counts; return the bursts written and the pages needed."""
-    burst = slots.shape[1]
-    page, position = np.zeros_like(count), np.zeros_like(count)  # of the next entry
-    buffer = np.zeros((len(count), burst), np.uint64)
-    written = needed = 0
-    for entry in range(len(group)):
-        g = group[entry]
-        full = position[g] == per_page * burst - 1
-        whole = position[g] % burst == burst - 1
-        buffer[g, position[g] % burst] = np.uint64(needed) if full else slot[entry]
-        if whole:
-            if page[g] < pages:
-                address[written] = page[g] * per_page + position[g] // burst
-                slots[written] = buffer[g]
-                written += 1
-            buffer[g] = 0
-        if full or count[g] == 0:
-            page[g], position[g] = needed, 0
-            buffer[g, 0] = slot[entry]
-            if count[g] == 0:
-                first[g] = needed
-            needed = min(needed + 1, PAGE_MAX)
-        position[g] += 1
-        count[g] += 1
-    for g in range(len(count)):
-        if position[g] % burst and page[g] < pages:
-            address[written] = page[g] * per_page + position[g] // burst
-            slots[written] = buffer[g]
-            written += 1
-    return written, needed
+    sizes, needed = np.array([groups, per_page, pages, config.burst]), np.zeros(1, np.int64)
+    about = group.astype(np.int64), slot, sizes, address, slots, page, count, needed
+    written = _write_lists(len(group), *about)
+    return Lists(address[:written], slots[:written], page, count, int(needed[0]))

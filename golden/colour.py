@@ -1,6 +1,7 @@
 """Golden model of colours: directions to polynomials, sums of small integers (`spec.colour`)."""
 
 from dataclasses import replace
+from functools import cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -42,16 +43,22 @@ def rounded(total: np.ndarray, bits: int) -> np.ndarray:
     return total + (1 << bits >> 1) >> bits if bits > 0 else total << -bits
 
 
+@cache
+def _shading(config: Config) -> Config:
+    """Return the machine with the arithmetic of polynomials."""
+    return replace(config, arithmetic=spec.BASIS)
+
+
 def polynomials(config: Config, rays: Values) -> list[np.ndarray]:
     """Return for each of the machine's `TERMS` its polynomials [M, k] in steps of 2^−11, int64."""
-    machine = replace(config, arithmetic=spec.BASIS)
+    machine = _shading(config)
     inputs = {f"ray_{axis}": round_values(spec.BASIS, rays[f"ray_{axis}"]) for axis in "xyz"}
     values = run(machine, basis(config), BASIS_CONSTANTS | inputs)
     found, end = [], 1 << spec.POLYNOMIAL.width - 1
     for term in spec.TERMS:
         if term.degree <= config.sh_degree:
             own = np.stack([values[name] for name in term.polynomials], axis=1)
-            steps = np.rint(np.ldexp(own, np.array(term.doubled) + spec.POLYNOMIAL.fraction))
+            steps = np.rint(own * 2.0 ** (np.array(term.doubled) + spec.POLYNOMIAL.fraction))
             found.append(np.clip(steps, -end, end - 1).astype(np.int64))
     return found
 
@@ -82,7 +89,8 @@ def from_steps(some: Decoded, factors: list[np.ndarray]) -> np.ndarray:
             if k < len(factors):
                 d, first = one.degree, one.first
                 of_term = codes[d][:, first : first + len(one.polynomials)]  # [M, k, 3]
-                sums = ((2 * of_term + layout.halves) * factors[k][chosen][:, :, None]).sum(1)
+                halved = 2 * of_term + layout.halves
+                sums = np.einsum("mkc,mk->mc", halved, factors[k][chosen])
                 add_term(part, sums, factor[chosen, d], shift[chosen, d] + own[d])
         total[chosen] = part
     return total
@@ -95,9 +103,10 @@ def from_codebooks(some: Decoded, factors: list[np.ndarray]) -> np.ndarray:
     add_term(total, 2 * codebook_sums(some, "colour") * ONE, 4, shift[0])
     if model.format.sh_degree:
         g = codebook_sums(some, "sh").reshape(-1, 3, 3)  # channel × axis
-        axes = factors[0][:, None, [2, 0, 1]]  # x, y, z of y, z, x
+        axes = factors[0][:, [2, 0, 1]]  # x, y, z of y, z, x
         for part, finer in ((g & (1 << spec.LOW) - 1, 0), (g >> spec.LOW, spec.LOW)):
-            add_term(total, (part * axes).sum(2), 4, shift[1] - 1 - finer)
+            sums = np.einsum("mcx,mx->mc", part, axes)
+            add_term(total, sums, 4, shift[1] - 1 - finer)
     return total
 
 

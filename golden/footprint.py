@@ -1,32 +1,35 @@
-"""Golden model of binning, first half: the tiles that each splat touches, in the integers of
-`spec.binning`.
+"""Golden model of binning's inner loops, in C++ (`binning.cpp`): the tiles that each splat touches,
+in the integers of `spec.binning`, and the lists.
 """
 
-import numpy as np
-from numba import njit
+from pathlib import Path
 
-from splatcore.golden.arithmetic import Parts, take_apart
+import numpy as np
+
 from splatcore.golden.batches import in_batches
 from splatcore.spec import binning
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
-from splatcore.spec.number import Float
-
-Codes = dict[str, np.ndarray]
-
-
-def fixed(format: Float, parts: Parts, power: np.ndarray, bits: int) -> tuple:
-    """Return ⌊significand · 2^(exponent + power − fraction)⌋, else 0, and whether it fits."""
-    before = max(0, bits - format.fraction - 1)
-    amount = format.fraction + before - parts.exponent - power
-    fits = parts.exponent + power < bits
-    number = parts.significand << before >> np.clip(amount, 0, 63)
-    return np.where(fits, number, 0), fits
+from splatcore.spec.native import Library
+from splatcore.spec.record import Codes
 
 
-AXIS = np.dtype(
-    [(name, np.int64) for name in "step vast half centre limit pixel shift seen".split()]
+def _integers(names: str) -> list[tuple[str, type]]:
+    return [(name, np.int64) for name in names.split()]
+
+
+MACHINE = np.dtype(
+    _integers(
+        "exponent fraction bias width_bits has_sign subnormal screen_exponent slack margin outward "
+        "position_bits square compensates group width height"
+    )
 )
+"""Constants of a machine and the image: its arithmetic, and numbers of `spec.binning`."""
+
+SPLAT = np.dtype(_integers("u v half_width half_height radius shear slope lean"))
+"""Codes of a splat, in the machine's arithmetic; 0 for those that `splat_record` has not."""
+
+AXIS = np.dtype(_integers("step vast half centre limit pixel shift seen"))
 """One axis of a splat, in units of 2^(step − FINEST) pixels.
 
 step: doublings from the finest unit
@@ -40,10 +43,9 @@ seen: the splat's box overlaps the image
 """
 
 OUTLINE = np.dtype(
-    [("x", AXIS), ("y", AXIS)]
-    + [(name, np.int64) for name in "box shear slope lean normalise between first last".split()]
+    [("x", AXIS), ("y", AXIS), *_integers("box shear slope lean normalise between first last")]
 )
-"""A splat as `visit` takes it.
+"""A splat's outline.
 
 x, y: its axes
 box: its outline is a box, not an ellipse
@@ -52,159 +54,69 @@ between: it is between two rows of pixels
 first, last: tile rows
 """
 
+ENTRY = np.dtype([(name, np.int32) for name in ("splat", "group", "mask")])
 
-def axis(config: Config, length: Parts, centre: Parts, size: int) -> np.ndarray:
-    """Return `AXIS` of splats [N], each in its own unit.
+NAMES = "TILE LENGTH_BITS HALF_BITS FINEST STEP_MAX FACTOR_FRACTION GUARD".split()
+LIBRARY = Library(
+    Path(__file__).with_name("binning.cpp"),
+    {name: getattr(binning, name) for name in NAMES} | {"PAGE_MAX": (1 << binning.PAGE_BITS) - 1},
+    {"Machine": MACHINE, "Splat": SPLAT, "Axis": AXIS, "Outline": OUTLINE, "Entry": ENTRY},
+)
 
-    length: [N] half of their width or height, `Config.arithmetic`
-    centre: [N] u or v, `Config.arithmetic`
-    size: width or height of the image, pixels
-    """
-    format = config.arithmetic
-    finest = config.screen_exponent + binning.FINEST
-    found = np.zeros(len(length.exponent), AXIS)
-    step = np.maximum(length.exponent + finest + 1 - binning.LENGTH_BITS, 0)
-    found["vast"] = vast = step > binning.STEP_MAX
-    found["step"] = step = np.minimum(step, binning.STEP_MAX)
-    found["shift"] = binning.STEP_MAX - step
-    half, _ = fixed(format, length, finest - step, binning.LENGTH_BITS)
-    found["half"] = half = half + 1 + binning.slack(config)
-    magnitude, near = fixed(format, centre, finest - step, binning.position_bits(config))
-    found["centre"] = centre = np.where(centre.negative, ~magnitude, magnitude)
-    found["limit"] = limit = ((size - 1 << binning.FINEST) >> step) + (step > binning.FINEST)
-    found["pixel"] = (1 << binning.FINEST) >> step
-    found["seen"] = vast | near & (centre - half <= limit) & (centre + 1 + half >= 0)
+_footprints = LIBRARY.function("footprints", int, SPLAT, MACHINE, int, ENTRY, np.int64, result=int)
+_right_ends = LIBRARY.function("right_ends", int, OUTLINE, np.int64, np.int64, MACHINE, np.int64)
+
+ENTRIES_PER_SPLAT = 4
+"""Room for entries; a batch with more of them is repeated."""
+
+
+def machine(config: Config, width: int, height: int) -> np.ndarray:
+    """Return `MACHINE` [1] for images of width × height pixels."""
+    format, found = config.arithmetic, np.zeros(1, MACHINE)
+    values = {
+        "exponent": format.exponent, "fraction": format.fraction, "bias": format.bias,
+        "width_bits": format.width, "has_sign": format.signed, "subnormal": format.subnormal,
+        "screen_exponent": config.screen_exponent, "slack": binning.slack(config),
+        "margin": binning.lean_margin(config), "outward": binning.outward(config),
+        "position_bits": binning.position_bits(config), "square": config.tile_test == "3sigma",
+        "compensates": config.compensates, "group": config.group, "width": width, "height": height,
+    }  # fmt: skip
+    for name, value in values.items():
+        found[name] = value
     return found
-
-
-def factor(config: Config, parts: Parts, power: np.ndarray) -> np.ndarray:
-    """Return a ratio times 2^power with `FACTOR_FRACTION` bits, towards 0, at most just below 2."""
-    bits = binning.FACTOR_FRACTION + 1
-    found, fits = fixed(config.arithmetic, parts, power + binning.FACTOR_FRACTION, bits)
-    return np.where(fits, found, (1 << bits) - 1)
-
-
-def outlines(config: Config, codes: Codes, width: int, height: int) -> np.ndarray:
-    """Return `OUTLINE` of splats [N].
-
-    codes: [N] codes of `splat_record`
-    width, height: image size, pixels
-    A splat outside the image, or without extent, has no rows.
-    """
-    part = {name: take_apart(config.arithmetic, codes[name]) for name in codes}
-    square = config.tile_test == "3sigma"
-    lengths = ("radius", "radius") if square else ("half_width", "half_height")
-    found = np.zeros(len(codes["u"]), OUTLINE)
-    found["x"] = x = axis(config, part[lengths[0]], part["u"], width)
-    found["y"] = y = axis(config, part[lengths[1]], part["v"], height)
-    first = np.maximum((y["centre"] - y["half"] + y["pixel"] - 1) >> y["shift"], 0)
-    last = np.minimum((y["centre"] + 1 + y["half"]) >> y["shift"], (height - 1) // TILE)
-    first, last = np.where(y["vast"], 0, first), np.where(y["vast"], (height - 1) // TILE, last)
-    found["between"] = first > last  # one row is visited
-    found["first"] = first
-    seen = x["seen"] & y["seen"]
-    if config.compensates:  # an opacity below 1/255 makes the square of the extent negative
-        seen = seen & ~part["half_width"].negative.astype(bool)
-    found["last"] = np.where(seen, np.maximum(first, last), first - 1)
-    found["box"] = y["vast"] | square
-    if not square:
-        add_ellipse(config, part, found)
-    return found
-
-
-def add_ellipse(config: Config, part: dict[str, Parts], found: np.ndarray):
-    """Write the fields of `OUTLINE` for ellipses: shear, slope, lean, normalise."""
-    x, y = found["x"], found["y"]
-    found["normalise"] = binning.HALF_BITS - np.frexp(y["half"].astype(np.float64))[1]
-    finer = y["step"] - found["normalise"] - x["step"]
-    shear = factor(config, part["shear"], finer)
-    power = config.screen_exponent + binning.FINEST - y["step"]
-    lean, fits = fixed(config.arithmetic, part["lean"], power, binning.HALF_BITS)
-    lean = np.where(fits, lean, (1 << binning.HALF_BITS) - 1)
-    found["shear"] = np.where(part["shear"].negative, -shear, shear)
-    found["slope"] = factor(config, part["slope"], finer) + 1
-    found["lean"] = np.where(part["lean"].negative, -lean, lean)
-
-
-@njit(cache=True)
-def right_end(o, low, high, sign, margin, out):
-    """Return the right end of an outline in a band (sign 1), or of the mirrored outline (−1)."""
-    if sign < 0:
-        low, high = -high, -low
-    if low - margin <= o.lean <= high + margin:
-        return o.x.half
-    t = (high if o.lean > high else low) << o.normalise
-    half = o.y.half << o.normalise
-    root = np.int64(np.sqrt(np.float64((half - abs(t)) * (half + abs(t))))) + 1
-    cut = binning.FACTOR_FRACTION - binning.GUARD
-    return ((o.shear * t >> cut) + (o.slope * root >> cut) >> binning.GUARD) + 1 + out
-
-
-@njit(cache=True)
-def row_columns(o, row, last_column, margin, out):
-    """Return the first and last tile column in a row; first > last if it has none."""
-    x, y = o.x, o.y
-    if o.between:
-        return 1, 0
-    if x.vast:
-        return 0, last_column
-    low = max((row << y.shift) - y.centre - 1, -y.half)
-    high = min(min(((row + 1) << y.shift) - y.pixel, y.limit) - y.centre, y.half)
-    right = left = x.half
-    if not o.box:
-        right = right_end(o, low, high, 1, margin, out)
-        left = right_end(o, low, high, -1, margin, out)
-    first = (x.centre - left + x.pixel - 1) >> x.shift
-    last = min((x.centre + 1 + right) >> x.shift, last_column)
-    return (max(first, 0), last) if x.centre - left <= x.limit else (last + 1, last)
-
-
-@njit(nogil=True, cache=True)
-def visit(outlines, group, last_column, margin, out, entries):
-    """Write the entries of splats; return their number.
-
-    outlines: [N] of `OUTLINE`
-    entries: [E, 3] splat, group as row · 2^16 + column, mask; only counts if it has no rows
-    """
-    count = 0
-    begins, ends = np.empty(group, np.int64), np.empty(group, np.int64)
-    for splat in range(len(outlines)):
-        o = outlines[splat]
-        least, most = 1 << 30, -1
-        begins[:], ends[:] = 1, 0
-        for row in range(o.first, o.last + 1):
-            begin, end = row_columns(o, row, last_column, margin, out)
-            begins[row % group], ends[row % group] = begin, end
-            if begin <= end:
-                least, most = min(least, begin // group), max(most, end // group)
-            if row % group < group - 1 and row < o.last:
-                continue
-            for column in range(least, most + 1):
-                mask = 0
-                for k in range(group * group):
-                    place = column * group + k % group
-                    mask |= (begins[k // group] <= place <= ends[k // group]) << k
-                if mask:
-                    if len(entries):
-                        entries[count] = splat, (row // group << 16) + column, mask
-                    count += 1
-            least, most = 1 << 30, -1
-            begins[:], ends[:] = 1, 0
-    return count
 
 
 def footprints(config: Config, codes: Codes, width: int, height: int):
-    """Return entries [E, 3] of splats [N] as `visit` writes them, and their tile rows [N]."""
-    rest = config.group, (width - 1) // TILE, binning.lean_margin(config), binning.outward(config)
+    """Return entries of `ENTRY` [E] of splats [N], in the hardware's order, and their tile rows
+    [N].
+
+    codes: [N] codes of `splat_record`
+    width, height: image size, pixels
+    """
+    constants = machine(config, width, height)
 
     def of(batch: slice) -> tuple[np.ndarray, np.ndarray]:
-        part = {name: code[batch] for name, code in codes.items()}
-        found = outlines(config, part, width, height)
-        entries = np.empty((visit(found, *rest, np.empty((0, 3), np.int64)), 3), np.int64)
-        if len(entries):
-            visit(found, *rest, entries)
-            entries[:, 0] += batch.start
-        return entries, found["last"] - found["first"] + 1
+        splats = np.zeros(len(codes["u"][batch]), SPLAT)
+        for name in SPLAT.names:
+            if name in codes:
+                splats[name] = codes[name][batch]
+        count, rows = ENTRIES_PER_SPLAT * len(splats), np.empty(len(splats), np.int64)
+        room = -1
+        while room < count:
+            room, entries = count, np.empty(count, ENTRY)
+            count = _footprints(len(splats), splats, constants, room, entries, rows)
+        entries = entries[:count].copy()
+        entries["splat"] += batch.start
+        return entries, rows
 
     entries, rows = zip(*in_batches(of, len(codes["u"])), strict=True)
     return np.concatenate(entries), np.concatenate(rows)
+
+
+def right_ends(
+    config: Config, outlines: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Return the right ends [N] of `OUTLINE` [N] in bands low … high [N]."""
+    found = np.empty(len(outlines), np.int64)
+    _right_ends(len(outlines), outlines, low, high, machine(config, TILE, TILE), found)
+    return found

@@ -5,17 +5,13 @@ from itertools import groupby
 import numpy as np
 
 from splatcore.golden import compensation
-from splatcore.golden.codes import decode, encode
-from splatcore.golden.pe import ABSENT, evaluate, rounding
-from splatcore.golden.unary import reciprocal, rsqrt
+from splatcore.golden.pe import ABSENT, evaluate
+from splatcore.golden.unary import values_of
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import COMPENSATION_UNITS, Program, Step
 
 Values = dict[str, np.ndarray | float]
 """Float64 values that `Config.arithmetic` holds, by name: [N], or one number for a constant."""
-
-UNARY = {"reciprocal": reciprocal, "rsqrt": rsqrt}
-"""Unit → function on codes."""
 
 
 def run(config: Config, program: Program, inputs: Values) -> Values:
@@ -28,7 +24,7 @@ def run(config: Config, program: Program, inputs: Values) -> Values:
         values[number[name]] = value
     for on_pe, steps in groupby(program.steps, lambda step: step.unit == "pe"):
         if on_pe:
-            evaluate(_numbered(steps, number), values, rounding(config.arithmetic))
+            evaluate(_numbered(steps, number), values, config.arithmetic)
             continue
         for step in steps:
             operands = [values[number[name]] for name in step.operands]
@@ -51,5 +47,4 @@ def _other(config: Config, unit: str, a: np.ndarray, *others: np.ndarray) -> np.
         return np.maximum(a, *others)
     if unit in COMPENSATION_UNITS:
         return getattr(compensation, unit)(config, a, *others)
-    format = config.arithmetic
-    return decode(format, UNARY[unit](format, encode(format, a)))
+    return values_of(unit, config.arithmetic, a)

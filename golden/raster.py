@@ -1,46 +1,39 @@
 """Golden model of stage 3: sorted entries of groups to 8-bit pixels, all in integers.
 
-Compiled by numba, parallel over groups. The numbers are the integers of `spec.raster`, so the
-result depends on no order of work except the order of a pixel's splats.
+Threads share the groups. The numbers are the integers of `spec.raster`, so the result depends on no
+order of work except the order of a pixel's splats.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, parallel_chunksize, prange
 
-from splatcore.golden.blend import blend_group, constants
-from splatcore.golden.setup import prepare
+from splatcore.golden.setup import (
+    FEATURE,
+    LEVEL,
+    LIBRARY,
+    MACHINE,
+    PAIRS,
+    WORK,
+    constants,
+    levels,
+    whole_features,
+)
+from splatcore.spec.colour import CHANNELS
 from splatcore.spec.config import Config
 from splatcore.spec.group import group_grid
+from splatcore.spec.raster import BLOCKS, owner, power_table
+from splatcore.spec.threads import shared
 from splatcore.spec.work import pixel_bytes
 
-
-def _record(names: str) -> np.dtype:
-    return np.dtype([(name, np.int64) for name in names.split()])
-
-
-WORK = _record("marked visited contributing contributions ended")
-"""Counts by group and rasterizer.
-
-marked: blocks that marking could not leave out
-visited: marked blocks with a pixel of alpha ≥ 1/255
-contributing: visited blocks with such a pixel that is live and not too faint
-contributions: blended pixels
-ended: pixels that ended
-"""
-
-PAIRS = _record("entries pairs far empty")
-"""Counts by group.
-
-entries: entries until the group's last pixel ended
-pairs: pairs of one of them and a tile with live pixels
-far: pairs that setup found too far away
-empty: pairs without a marked block
-"""
-
 GROUPS_PER_CHUNK = 8
-"""Groups per chunk of parallel work; small, because list lengths vary."""
+"""Groups that a thread takes at a time; few, because list lengths vary."""
+
+
+_rasterize = LIBRARY.function(
+    "rasterize", int, int, FEATURE, np.int64, np.int64, np.int64, np.int64, MACHINE, np.int64,
+    LEVEL, np.int32, None, WORK, PAIRS, np.int64,
+)  # fmt: skip
 
 
 class Entries(NamedTuple):
@@ -97,22 +90,32 @@ def rasterize(
     """
     (width, height), mask = size, entries.mask.astype(np.int64)
     rows, columns = group_grid(config, width, height)
+    groups = rows * columns
     first = np.concatenate([[0], np.cumsum(np.bitwise_count(mask.astype(np.uint64)), dtype=int)])
     frame = Raster(
         np.zeros((height, width, pixel_bytes(rgba)), np.uint8 if rounded else np.int64),
-        np.zeros((rows * columns, config.rasterizers), WORK),
-        np.zeros(rows * columns, PAIRS),
+        np.zeros((groups, config.rasterizers), WORK),
+        np.zeros(groups, PAIRS),
         np.full(first[-1], -1, np.int64),
     )
-    entries = Entries(entries.start, entries.splat.astype(np.int64), mask)
-    machine = constants(config, background, mark_all, rounded, rgba)
-    with parallel_chunksize(GROUPS_PER_CHUNK):
-        _rasterize_groups(prepare(config, features), entries, first, columns, machine, frame)
+    machine = constants(config)
+    values = {"columns": columns, "width": width, "height": height, "rgba": rgba}
+    values |= {"dropped": rounded * machine["visible"][0], "wide": not rounded}
+    values |= zip(CHANNELS, (0, 0, 0) if rgba else background, strict=True)
+    for name, value in values.items():
+        machine[name] = value
+    owners = np.array([owner(config, block) for block in range(BLOCKS**2)])
+    table = np.array(power_table(config), np.int32)
+    arrays = (
+        whole_features(config, features), entries.start.astype(np.int64),
+        entries.splat.astype(np.int64), mask, first, machine, owners, levels(config, mark_all),
+        table, *frame,
+    )  # fmt: skip
+
+    def some(chosen: slice):
+        _rasterize(chosen.start, min(chosen.stop, groups), *arrays)
+
+    steps = range(0, groups, GROUPS_PER_CHUNK)
+    for _ in shared(some, [slice(k, k + GROUPS_PER_CHUNK) for k in steps]):
+        pass
     return frame
-
-
-@njit(parallel=True, cache=True)
-def _rasterize_groups(splats, entries, first, columns, machine, frame):
-    """Rasterize all groups into `frame`. first: each entry's first place in `frame.blocks`."""
-    for group in prange(len(entries.start) - 1):
-        blend_group(group, splats, entries, first, columns, machine, frame)

@@ -1,17 +1,19 @@
 """The reference renderer's inner loops: the tiles that a splat touches, and blending a tile.
 
-Compiled by numba, parallel over tiles. One thread computes a tile in a fixed order, so the result
-does not depend on the number of threads.
+In C++ (`reference.cpp`). Threads share the rows of tiles. One thread computes a tile in a fixed
+order, so the result does not depend on the number of threads.
 """
 
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from splatcore.spec.convention import BLOCK, TILE, Convention, Faint
+from splatcore.spec.native import Library
 from splatcore.spec.progress import report
+from splatcore.spec.threads import shared
 
 SLACK = 1e-9
 """Relative widening of a box or a reach before the exact comparison decides."""
@@ -34,85 +36,58 @@ class TileLists(NamedTuple):
     splat: np.ndarray  # [pairs] indices into the splats, front to back
 
 
-class Outlines(NamedTuple):
-    """The arrays of `golden.reference.Splats` that binning reads."""
+LIMITS = np.dtype(
+    [(name, np.float64) for name in "alpha_min alpha_max dark taken ends takes_all slack".split()]
+)
+"""A convention's thresholds: of alpha, and as in `Faint`; dark is 0 without a rule.
 
-    centre: np.ndarray
-    conic: np.ndarray
-    reach: np.ndarray
+takes_all: a pixel's last splat takes all of T
+slack: `SLACK`
+"""
 
+LIBRARY = Library(
+    Path(__file__).with_name("reference.cpp"),
+    {"BLOCK": BLOCK, "TILE": TILE},
+    {"Work": WORK, "Limits": LIMITS},
+)
 
-class Ellipses(NamedTuple):
-    """The arrays of `golden.reference.Splats` that blending reads."""
-
-    centre: np.ndarray
-    conic: np.ndarray
-    opacity: np.ndarray
-    reach: np.ndarray
-    extent: np.ndarray
-    colour: np.ndarray
-
-
-class Limits(NamedTuple):
-    """A convention's thresholds. takes_all: a pixel's last splat takes all of T."""
-
-    alpha_min: float
-    alpha_max: float
-    dark: float  # as in `Faint`; 0 without a rule
-    taken: float
-    ends: float
-    takes_all: bool
+_reals, _integers, _numbers = np.dtype(np.float64), np.dtype(np.int64), np.dtype(np.int32)
+_visit_tiles = LIBRARY.function(
+    "visit_tiles", int, *[_reals] * 3, _numbers, _integers, _integers, _numbers
+)
+_blend_tiles = LIBRARY.function(
+    "blend_tiles", int, int, _integers, _integers, _numbers, *[_reals] * 6, LIMITS, _reals, _reals,
+    WORK,
+)  # fmt: skip
+_smallest_q = LIBRARY.function("smallest_q", int, _reals, _reals, _reals)
 
 
 def bin_splats(splats, boxes, width: int, height: int, exact: bool) -> TileLists:
     """Return lists of the tiles in `boxes` [M, 4]; if `exact`, only of tiles really reached."""
-    about = Outlines(splats.centre, splats.conic, splats.reach), boxes, width, height, exact
+    arrays = [np.ascontiguousarray(some) for some in (splats.centre, splats.conic, splats.reach)]
+    boxes = np.ascontiguousarray(boxes, np.int32)
     lengths = np.zeros(-(-width // TILE) * -(-height // TILE), np.int64)
-    _visit_tiles(*about, lengths, np.empty(0, np.int32))
+
+    def visit(slot: np.ndarray, splat: np.ndarray):
+        sizes = np.array([width, height, exact, len(splat)])
+        _visit_tiles(len(boxes), *arrays, boxes, sizes, slot, splat)
+
+    visit(lengths, np.empty(0, np.int32))
     start = np.concatenate([[0], np.cumsum(lengths)])
     splat = np.empty(start[-1], np.int32)
-    _visit_tiles(*about, start[:-1].copy(), splat)
+    visit(start[:-1].copy(), splat)
     return TileLists(start, splat)
 
 
-@njit(cache=True)
-def _visit_tiles(splats, boxes, width, height, exact, slot, splat):
-    """Count pairs per tile in `slot` (if `splat` is empty), else write them from `slot` on."""
-    columns = -(-width // TILE)
-    for m in range(len(boxes)):
-        u, v = splats.centre[m]
-        for row in range(boxes[m, 2], boxes[m, 3] + 1):
-            y0 = row * TILE - v
-            y1 = min(row * TILE + TILE, height) - 1 - v
-            for column in range(boxes[m, 0], boxes[m, 1] + 1):
-                x0 = column * TILE - u
-                x1 = min(column * TILE + TILE, width) - 1 - u
-                if exact and smallest_q(splats.conic[m], x0, x1, y0, y1) > splats.reach[m]:
-                    continue
-                tile = row * columns + column
-                if len(splat):
-                    splat[slot[tile]] = m
-                slot[tile] += 1
+def smallest_q(conic: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Return the minima [N] of A·x² + 2·B·x·y + C·y² over rectangles [x0, x1] × [y0, y1].
 
-
-@njit(cache=True)
-def smallest_q(conic, x0, x1, y0, y1):
-    """Return the minimum of A·x² + 2·B·x·y + C·y² over the rectangle [x0, x1] × [y0, y1].
-
-    The form is convex with its minimum 0 at the origin. Outside of it, the minimum is on an edge
-    that faces the origin.
+    conic: [N, 3] A, B, C
+    edges: [N, 4] x0, x1, y0, y1
     """
-    if x0 <= 0 <= x1 and y0 <= 0 <= y1:
-        return 0.0
-    a, b, c = conic
-    best = np.inf
-    for x in (x0, x1):
-        y = min(max(-b * x / c, y0), y1) if c > 0 else y0  # 0 if the determinant overflows
-        best = min(best, a * x * x + 2 * b * x * y + c * y * y)
-    for y in (y0, y1):
-        x = min(max(-b * y / a, x0), x1) if a > 0 else x0
-        best = min(best, a * x * x + 2 * b * x * y + c * y * y)
-    return best
+    found = np.empty(len(conic))
+    _smallest_q(len(conic), conic, edges, found)
+    return found
 
 
 def count_rows(centre, extent, width, height) -> int:
@@ -139,76 +114,15 @@ def rasterize(
     found = Blended(np.zeros((height, width, 3)), np.ones((height, width)), work)
     rule = convention.faint or Faint(0.0, 0.0, convention.transmittance_min)
     takes_all = convention.faint is not None
-    limits = Limits(convention.alpha_min, convention.alpha_max, *rule, takes_all)
-    ellipses = Ellipses(*(getattr(splats, name) for name in Ellipses._fields))
-    progress = progress or partial(report, "tiles")
-    for row in range(rows):
-        _blend_tile_row(row, columns, lists, ellipses, limits, found)
-        progress((row + 1) * columns, rows * columns)
+    limits = convention.alpha_min, convention.alpha_max, *rule, takes_all, SLACK
+    names = "centre conic opacity reach extent colour".split()
+    arrays = [np.ascontiguousarray(getattr(splats, name), np.float64) for name in names]
+    arrays = lists.start, lists.splat, *arrays, np.array([limits], LIMITS), *found
+    progress, sizes = progress or partial(report, "tiles"), np.array([width, height])
+
+    def blend(chosen: slice):
+        _blend_tiles(chosen.start * columns, chosen.stop * columns, sizes, *arrays)
+
+    for row, _ in enumerate(shared(blend, [slice(row, row + 1) for row in range(rows)]), 1):
+        progress(row * columns, rows * columns)
     return found
-
-
-@njit(cache=True)
-def pixels(low, high, first, end):
-    """Return the integers of first … end − 1 within [low, high], any finite or infinite floats."""
-    return range(int(max(np.ceil(low), first)), int(min(np.floor(high), end - 1)) + 1)
-
-
-@njit(parallel=True, cache=True)
-def _blend_tile_row(row, columns, lists, splats, limits, found):
-    for column in prange(columns):
-        _blend_tile(row * columns + column, row * TILE, column * TILE, lists, splats, limits, found)
-
-
-@njit(cache=True)
-def _blend_tile(tile, top, left, lists, splats, limits, found):
-    """Blend a tile's splats into the image, from (left, top) on."""
-    image, transmittance, work = found.image, found.transmittance, found.work[tile]
-    height, width = transmittance.shape
-    right, bottom = min(left + TILE, width), min(top + TILE, height)
-    live = np.ones((TILE, TILE), np.bool_)
-    alive = (right - left) * (bottom - top)
-    for pair in range(lists.start[tile], lists.start[tile + 1]):
-        if alive == 0:
-            break
-        work.pairs += 1
-        m = lists.splat[pair]
-        u, v = splats.centre[m]
-        a, b, c = splats.conic[m]
-        red, green, blue = splats.colour[m]
-        wide, high = splats.extent[m] * (1 + SLACK) + SLACK
-        limit = splats.reach[m] * (1 + SLACK) + SLACK
-        blocks = 0
-        for y in pixels(v - high, v + high, top, bottom):
-            dy = y - v
-            for x in pixels(u - wide, u + wide, left, right):
-                if not live[y - top, x - left]:
-                    continue
-                dx = x - u
-                q = a * dx * dx + 2 * b * dx * dy + c * dy * dy
-                if q > limit:
-                    continue
-                alpha = min(limits.alpha_max, splats.opacity[m] * np.exp(-0.5 * q))
-                if alpha < limits.alpha_min:
-                    continue
-                t = transmittance[y, x]
-                if t < limits.dark and t * alpha < limits.taken:
-                    continue
-                blocks |= 1 << ((y - top) // BLOCK * (TILE // BLOCK) + (x - left) // BLOCK)
-                rest = t * (1 - alpha)
-                if rest < limits.ends:
-                    live[y - top, x - left] = False
-                    alive -= 1
-                    work.ended += 1
-                    if not limits.takes_all:
-                        continue
-                    rest = 0.0
-                weight = t * alpha if rest else t
-                image[y, x, 0] += weight * red
-                image[y, x, 1] += weight * green
-                image[y, x, 2] += weight * blue
-                transmittance[y, x] = rest
-                work.contributions += 1
-        while blocks:
-            blocks &= blocks - 1
-            work.blocks += 1

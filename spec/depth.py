@@ -13,6 +13,7 @@ as it takes to reach the largest depth. `DEFAULT`: 15 fraction bits below a dept
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -32,6 +33,7 @@ def low_bits(config: Config) -> int:
     return max(0, config.depth.fraction - config.arithmetic.fraction)
 
 
+@cache
 def finer(config: Config) -> Config:
     """Return the machine with the arithmetic of depths and of the rays they come from."""
     fraction = config.arithmetic.fraction + low_bits(config)

@@ -29,7 +29,7 @@ class PackedModel(ModelHeader):
             refuse("count", f"{len(self)} needs chunk headers beyond the file's end")
         if codebooks and self.chunks["harmonics"].any():
             refuse("harmonics", "of a chunk do not go with codebooks")
-        for k in np.unique(self.chunks["harmonics"]):
+        for k in np.flatnonzero(np.bincount(self.chunks["harmonics"])):
             if LAYOUTS[k].halves and LAYOUTS[k].degree > degree:
                 refuse("harmonics", f"{k} of a chunk does not go with SH degree {degree}")
         expected = self.layout.end

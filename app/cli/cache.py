@@ -4,6 +4,7 @@ from splatcore.app.cli.options import command, option
 from splatcore.sim.common import cache
 from splatcore.sim.common.output import console
 from splatcore.sim.common.table import Column, Table
+from splatcore.spec.cache import cache_root
 
 
 @command("cache")
@@ -13,7 +14,7 @@ def cache_command(empty: bool = option(False, None, "Delete everything in the ca
     Cleared entries are rebuilt on demand, which takes minutes per machine. The environment variable
     SPLATCORE_CACHE sets another folder.
     """
-    root = cache.cache_root()
+    root = cache_root()
     kept = cache.kept()
     sizes = {kind: sum(map(cache.size_of, paths)) for kind, paths in kept.items()}
     counts = {kind: sum(path.suffix != ".lock" for path in kept[kind]) for kind in kept}

@@ -15,13 +15,13 @@ from splatcore.model.formats.model_file import file_bytes
 from splatcore.model.formats.photographs import Target
 from splatcore.model.formats.ply import write_ply
 from splatcore.sim.common import output as files
-from splatcore.sim.common.cache import digest
 from splatcore.sim.common.output import console, progress_bar
 from splatcore.sim.common.table import shown
 from splatcore.sim.frame.metric import difference
 from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.size import parse_size, path_cameras
 from splatcore.sim.frame.source import open_source
+from splatcore.spec.cache import digest
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel

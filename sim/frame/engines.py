@@ -1,18 +1,18 @@
 """Engines that render a frame: the float64 reference, the golden model, the simulated machine."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from splatcore.golden import pipeline
 from splatcore.golden import reference as exact
 from splatcore.sim.frame.shot import Shot
-from splatcore.sim.machine.machine import Rendered, Run
-from splatcore.sim.machine.path import build, simulate
-from splatcore.sim.machine.script import IDEAL
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.error import InputError
+
+if TYPE_CHECKING:  # it imports Amaranth
+    from splatcore.sim.machine.machine import Rendered, Run
 
 
 class Frame(Protocol):
@@ -32,18 +32,21 @@ def golden(shot: Shot) -> pipeline.Frame:
     """Render the packed model by the golden model; InputError for a picture that is too large."""
     shot.check_fits()
     shot.source.check_need("golden", shot.model)
-    job, label = shot.job, "rendering by the golden model"
+    frame, label = shot.frame, "rendering by the golden model"
     with shot.bar(label) as advance:
 
         def progress(step: str):
             count = len(pipeline.STEPS)
             advance(pipeline.STEPS.index(step), count, f"{label}: {step}")
 
-        return pipeline.render(shot.config, *job, progress=progress)
+        return pipeline.render(shot.config, *frame, progress=progress)
 
 
-def rtl(shot: Shot) -> Rendered:
+def rtl(shot: Shot) -> "Rendered":
     """Simulate the packed model's frame with an ideal memory; InputError if the run fails."""
+    from splatcore.sim.machine.path import build, simulate
+    from splatcore.sim.machine.script import IDEAL
+
     shot.check_fits()
     run = simulate(build(shot.config), [shot.job], IDEAL, "simulating")
     if not run.done:
@@ -56,7 +59,7 @@ ENGINES: dict[str, Callable[[Shot], Frame]] = {
 }  # fmt: skip
 
 
-def cycles(run: Run) -> dict[str, int | float | None]:
+def cycles(run: "Run") -> dict[str, int | float | None]:
     """Cycles of the halves and of a frame, and frames per second.
 
     A run of several frames counts those that overlap with the next frame's first half; a single

@@ -96,12 +96,12 @@ class Shot:
         """The packing of the scene, shared by all frames that are packed alike; None for a model.
 
         The losses of packing are noted."""
-        from splatcore.model.pack.pack import packing_key
-        from splatcore.sim.frame.choose import packed
-
         source, view = self.source, self.camera
         if source.scene is None:
             return None
+        from splatcore.model.pack.pack import packing_key
+        from splatcore.sim.frame.choose import packed
+
         key = packing_key(self.config), self.quality or (view.name, view.width, view.height)
         if key not in source.packings:
             source.check_need("packing", source.scene)
@@ -121,12 +121,17 @@ class Shot:
         return self.source.model if self.packed is None else self.packed.model
 
     @property
+    def frame(self) -> tuple[PackedModel, Camera, tuple[int, int, int], bool]:
+        """Model, camera, background (codes of `spec.colour.colour_format`) and `rgba`."""
+        background = background_codes(self.config, self.convention.background)
+        return self.model, self.camera, background, self.rgba
+
+    @property
     def job(self) -> "Job":
         """The frame as the simulated machine takes it."""
         from splatcore.sim.machine.machine import Job
 
-        background = background_codes(self.config, self.convention.background)
-        return Job(self.model, self.camera, background, self.rgba)
+        return Job(*self.frame)
 
     @cached_property
     def reference(self) -> np.ndarray:

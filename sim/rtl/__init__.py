@@ -1,4 +1,4 @@
 """Simulation (Verilator, cocotb) and formal proofs (SymbiYosys) of components.
 
-May import: sim.common.
+May import: spec, sim.common.
 """

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from splatcore.sim.common.cache import cache_root, digest, kept_folder
 from splatcore.sim.common.output import write
 from splatcore.sim.rtl.coverage import COUNTING, counted
 from splatcore.sim.rtl.verilator import (
@@ -18,6 +17,7 @@ from splatcore.sim.rtl.verilator import (
     with_settings,
     without_initial,
 )
+from splatcore.spec.cache import cache_root, digest, kept_folder
 
 KIND = "streams"  # the cache's folder of compiled simulations
 CPP = Path(__file__).parent  # the folder of the C++

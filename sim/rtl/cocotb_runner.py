@@ -16,10 +16,10 @@ import cocotb_tools.config
 from amaranth.lib import wiring
 from cocotb_tools.runner import get_runner
 
-from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.rtl.build import QUICK, SPLIT, shared
 from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.verilator import STATE, environment, state_of, without_initial
+from splatcore.spec.cache import kept_folder
 
 PARAMETERS = "SPLATCORE_TESTBENCH"
 """Environment variable that passes a testbench's parameters to the simulation, as JSON."""

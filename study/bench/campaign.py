@@ -14,12 +14,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from splatcore.sim.common import notes
-from splatcore.sim.common.cache import digest, with_key
+from splatcore.sim.common.cache import with_key
 from splatcore.sim.common.notes import with_notes
 from splatcore.sim.common.output import messages, progress_bar, write
 from splatcore.sim.common.pool import as_done, processes
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.frame.shot import View
+from splatcore.spec.cache import digest
 from splatcore.spec.error import InputError
 
 TRIES = 2  # workers that a task may lose before it counts as failed

@@ -16,7 +16,7 @@ import numpy as np
 
 from splatcore.golden import pipeline
 from splatcore.model.formats.camera_file import read_camera
-from splatcore.sim.common.cache import digest, with_key
+from splatcore.sim.common.cache import with_key
 from splatcore.sim.common.output import console, write, write_json
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.common.table import Column, Table, comma_separated
@@ -32,6 +32,7 @@ from splatcore.sim.machine.diagnosis import diagnose
 from splatcore.sim.machine.machine import Machine, Run, machine_source
 from splatcore.sim.machine.path import build, simulate
 from splatcore.sim.machine.script import Timing
+from splatcore.spec.cache import digest
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.study.results.fields import columns
 from splatcore.study.results.frames import CYCLES, SceneRow

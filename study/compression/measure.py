@@ -16,11 +16,12 @@ from splatcore.golden.reference import render
 from splatcore.model.compress.checkpoint import Step
 from splatcore.model.formats.photographs import Target
 from splatcore.model.pack.pack import pack
-from splatcore.sim.common.cache import digest, kept_in
+from splatcore.sim.common.cache import kept_in
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.sources import code_key
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.frame.metric import difference, flip, lpips
+from splatcore.spec.cache import digest
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Gaussians, Scene

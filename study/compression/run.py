@@ -12,9 +12,9 @@ from splatcore.model.compress.checkpoint import Checkpoints, Step
 from splatcore.model.compress.recipe import Recipe
 from splatcore.model.formats.colmap import read_points
 from splatcore.model.formats.photographs import held_out, read_photographs
-from splatcore.sim.common.cache import digest
 from splatcore.sim.common.output import messages, progress_bar
 from splatcore.sim.frame.reading import AS_STATED, Reading
+from splatcore.spec.cache import digest
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import CLOCK_HZ, Config
 from splatcore.spec.error import InputError

@@ -24,9 +24,9 @@ from splatcore.model.formats.camera_file import read_cameras
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.formats.photographs import Target
 from splatcore.model.generate.generate import GENERATORS
-from splatcore.sim.common.cache import digest
 from splatcore.sim.frame.reading import AS_STATED, Reading
 from splatcore.sim.frame.source import VARIABLE, camera_beside, open_source, scene_folder
+from splatcore.spec.cache import digest
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError

@@ -7,8 +7,8 @@ import pytest
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.deliver.register_files import DRIVER, FILES, write_register_files
 from splatcore.eda.deliver.verilog import write_top
-from splatcore.sim.common.cache import kept_folder
 from splatcore.sim.common.sources import code_key
+from splatcore.spec.cache import kept_folder
 from splatcore.spec.config import TINY
 from tb.helpers.command import run
 from tb.helpers.configs import MAPS

@@ -16,7 +16,7 @@ from splatcore.eda.fpga import fpga
 from splatcore.eda.fpga.fpga import NotPlaced, Placed, placed
 from splatcore.eda.fpga.fpga_wrap import Lanes, Wrap
 from splatcore.hdl.lib.stream import Queue, Register
-from splatcore.sim.common.cache import VARIABLE
+from splatcore.spec.cache import VARIABLE
 from splatcore.spec.config import TINY
 from splatcore.spec.raster import block_count
 from tb.helpers.command import run

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from splatcore.golden.bin import Binned, features
-from splatcore.golden.footprint import OUTLINE, right_end
+from splatcore.golden.footprint import OUTLINE, right_ends
 from splatcore.golden.reference import project
 from splatcore.hdl.binning.row_end import END_BITS, LATENCY, SLOPE_AT, WIDTH_AT, RowEnd
 from splatcore.model.generate.hard import HARD
 from splatcore.sim.rtl.streams import Simulation
-from splatcore.spec.binning import FACTOR_FRACTION, HALF_BITS, lean_margin, outward
+from splatcore.spec.binning import FACTOR_FRACTION, HALF_BITS, lean_margin
 from splatcore.spec.colour import colour_format
 from splatcore.spec.config import DEFAULT, TINY, Config
 from splatcore.spec.convention import ALPHA_MIN, TILE
@@ -280,7 +280,7 @@ def bands(count: int) -> dict[str, np.ndarray]:
 @pytest.mark.slow
 def test_row_end_equals_golden():
     """To the unit; tests of tiles would miss such errors."""
-    count, margin, out = 20_000, lean_margin(TINY), outward(TINY)
+    count, margin = 20_000, lean_margin(TINY)
     given, row_end = bands(count), RowEnd(TINY)
     edges = (given["low"] - margin == given["lean"], given["high"] + margin == given["lean"])
     assert all((edge & (given["box"] == 0)).sum() > 100 for edge in edges)
@@ -300,8 +300,5 @@ def test_row_end_equals_golden():
     outlines["x"]["half"], outlines["y"]["half"] = given["half_width"], given["half"]
     for name in ("shear", "slope", "lean", "normalise"):
         outlines[name] = given[name]
-    expected = [
-        right_end(outline, low, high, 1, margin, out)
-        for outline, low, high in zip(outlines, given["low"], given["high"], strict=True)
-    ]
+    expected = right_ends(TINY, outlines, given["low"], given["high"])
     assert (found == np.where(given["box"], given["half_width"], expected)).all()

@@ -31,9 +31,10 @@ from threading import Lock
 from rich.console import Console
 from rich.progress import track
 
-from splatcore.sim.common.cache import cache_root, kept_json
+from splatcore.sim.common.cache import kept_json
 from splatcore.sim.common.output import write
 from splatcore.sim.common.table import Column, Table
+from splatcore.spec.cache import cache_root
 from tb.helpers.command import ROOT
 from tb.planted.fault import Fault, draw, faults
 from tb.planted.judges import judges

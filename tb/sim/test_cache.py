@@ -11,9 +11,10 @@ from time import sleep
 import numpy as np
 import pytest
 
-from splatcore.sim.common.cache import cache_root, digest, kept_folder, kept_json
+from splatcore.sim.common.cache import kept_json
 from splatcore.sim.rtl import build
 from splatcore.sim.rtl.verilator import environment
+from splatcore.spec.cache import cache_root, digest, kept_folder
 from tb.helpers.command import check_documented, load, run
 
 

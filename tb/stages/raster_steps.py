@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcore.golden.blend import around_block, twice_highest
-from splatcore.golden.setup import Quadratic, prepare, quadratic
+from splatcore.golden.setup import QUADRATIC, prepare, quadratic, twice_highest
 from splatcore.spec import raster
 from splatcore.spec.config import TINY
 from splatcore.spec.group import group_grid
@@ -40,10 +39,8 @@ class Pairs:
         numbers = prepare(TINY, features["splat"])
         index, column, row, tile = np.array(list(_places(lists, live))).T
         end = features["end"][index] == 1
-        coefficients, far = np.zeros((len(index), 6), np.int64), np.zeros(len(index), np.uint64)
-        for k, (splat, x, y) in enumerate(zip(index, column, row, strict=True)):
-            coefficients[k], near = quadratic(numbers[splat], x, y, TINY.exponent_fraction)
-            far[k] = not near
+        around, near = quadratic(TINY, numbers[index], column, row)
+        coefficients, far = around.view(np.int64).reshape(-1, 6), (~near).astype(np.uint64)
         splats = prepared_codes(TINY, features["splat"])
         pairs = {"splat": {name: codes[index] for name, codes in splats.items()}}
         places = {"column": column, "row": row, "tile": tile, "end": end}
@@ -84,14 +81,10 @@ class Pairs:
     def blocks(self) -> np.ndarray:
         """Blocks of the tile that reach each level [N, levels], one bit per block."""
         found = np.zeros((len(self.end), LEVELS), np.uint64)
-        for k, coefficients in enumerate(self.coefficients):
-            if self.far[k]:
-                continue
-            for block in range(raster.BLOCKS**2):
-                q, p = (raster.STEPS[place] for place in divmod(block, raster.BLOCKS))
-                most = twice_highest(around_block(Quadratic(*coefficients), p, q))
-                for level, least in enumerate(raster.mark_min(TINY)):
-                    found[k, level] |= np.uint64(int(most >= 2 * least) << block)
+        most = highest(self.coefficients)
+        bits = np.uint64(1) << np.arange(raster.BLOCKS**2, dtype=np.uint64)
+        for level, least in enumerate(raster.mark_min(TINY)):
+            found[:, level] = ((most >= 2 * least) & (self.far[:, None] == 0)) @ bits
         return found
 
     def _carried(self) -> Codes:
@@ -105,6 +98,11 @@ class Pairs:
         return {"quadratic": codes, "tile": self.pairs["tile"], "end": self.pairs["end"]} | colours
 
 
+def highest(coefficients: np.ndarray) -> np.ndarray:
+    """Bounds [N, 16] on twice the E of each block's pixels, from coefficients [N, 6]."""
+    return twice_highest(np.ascontiguousarray(coefficients).view(QUADRATIC)[:, 0]).astype(np.int64)
+
+
 def exactly_reached(pairs: Pairs) -> Pairs:
     """Change e of each pair so that 2·E at a block is at the bound of some level, or next to it.
 
@@ -112,11 +110,9 @@ def exactly_reached(pairs: Pairs) -> Pairs:
     """
     rng, found = np.random.default_rng(0), pairs.coefficients.copy()
     limit = 1 << raster.EXPONENT_INTEGER + TINY.exponent_fraction
-    for k, coefficients in enumerate(found):
-        p, q = rng.choice(raster.STEPS, 2)
-        most = twice_highest(around_block(Quadratic(*coefficients), p, q))
+    for k, most in enumerate(highest(found)):
         least = rng.choice(raster.mark_min(TINY))
-        e = coefficients[0] + (2 * least - most >> 1) + k % 3 - 1
+        e = found[k, 0] + (2 * least - int(rng.choice(most)) >> 1) + k % 3 - 1
         found[k, 0] = np.clip(e, -limit, limit - 1)
     return replace(pairs, coefficients=found)
 
