@@ -101,16 +101,7 @@ class Library:
 
         def compile(folder: Path):
             (folder / "made.hpp").write_text(self.made)
-            command = [
-                program,
-                *FLAGS,
-                "-fPIC",
-                "-shared",
-                f"-I{folder}",
-                "-o",
-                "library.so",
-                str(self.source),
-            ]
+            command = [program, *FLAGS, f"-I{folder}", "-o", FILE, str(self.source)]
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
             if done.returncode:
                 log = done.stderr.splitlines()[-LOG_LINES:]
