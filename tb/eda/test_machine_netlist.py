@@ -10,7 +10,7 @@ from splatcore.golden.pipeline import render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.machine import Job, Machine
-from splatcore.sim.machine.memory import LPDDR4
+from splatcore.sim.machine.script import LPDDR4
 from splatcore.spec.config import TINY
 
 
