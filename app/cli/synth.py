@@ -50,7 +50,7 @@ def synth_command(
     With --liberty: area in um² and the library's NAND2-equivalents; the longest path in ps and FO4
     (delay of an inverter that drives four), with its cells and end points, without and with wires.
     Assumptions: docs/silicon.md. With --check the exit status is 1 if a bit of a netlist is not
-    proven equal to the RTL's.
+    proven equal to the RTL's; simulations of netlists against the golden model are tests.
 
     top is the whole machine, part by part, checked for latches, loops, and wires with several
     drivers or none; with --liberty paths cross parts. The first run takes up to half an hour; parts

@@ -19,13 +19,19 @@ def simulated(netlist: CellNetlist) -> str:
 
 
 def cell_model(cell: Cell) -> str:
-    """Verilog of a gate or flip-flop; ValueError for another kind of cell."""
+    """Verilog of a gate, flip-flop or clock gate; ValueError for another kind of cell."""
     pins = ", ".join(
         f"{way} {pin}"
         for way, its in (("input", cell.inputs), ("output", cell.functions))
         for pin in its
     )
     lines = [f"module {cell.name} ({pins});"]
+    if cell.is_clock_gate:
+        (output,) = cell.functions
+        latch = f"  always @* if (~{cell.clock}) IQ = {cell.data};"
+        return "\n".join([
+            *lines, "  reg IQ;", latch, f"  assign {output} = {cell.clock} & IQ;", "endmodule\n"
+        ])  # fmt: skip
     if cell.state:
         lines += _flip_flop(cell)
     names = {*cell.inputs, "IQ", "IQN", "0", "1"}

@@ -64,7 +64,8 @@ class Cell:
     area: um²
     inputs: capacitance in pF of each pin, rising and falling
     functions: logic function of each output
-    state: attributes of its flip-flop by name; empty for logic
+    state: attributes of its flip-flop by name; empty for logic. A clock gate has its kind as
+        `gate`, and its pins as `clocked_on` and `next_state` (the enable)
     special: whether synthesis must not choose it
     leakage: W
     """
@@ -90,16 +91,23 @@ class Cell:
     def is_flip_flop(self) -> bool:
         """Whether it is a plain flip-flop: clocked by a rising edge, with an input pin as data."""
         clock, data = (self.state.get(name, "") for name in ("clocked_on", "next_state"))
-        return clock.strip("() ") in self.inputs and data.strip("() ") in self.inputs
+        pins = {clock.strip("() "), data.strip("() ")}
+        return pins <= self.inputs.keys() and "gate" not in self.state
+
+    @property
+    def is_clock_gate(self) -> bool:
+        """Whether it passes on its clock while enabled: a latch, open while the clock is low, and
+        an AND. Others have further inputs, for tests."""
+        return self.state.get("gate") == "latch_posedge" and len(self.inputs) == 2
 
     @property
     def clock(self) -> str:
-        """A flip-flop's clock pin."""
+        """Clock pin of a flip-flop or clock gate."""
         return self.state["clocked_on"].strip("() ")
 
     @property
     def data(self) -> str:
-        """A flip-flop's data pin."""
+        """Data pin of a flip-flop, or enable of a clock gate."""
         return self.state["next_state"].strip("() ")
 
     def rests_in(self, condition: str) -> bool:

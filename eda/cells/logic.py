@@ -5,9 +5,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import count
+from itertools import count, islice
 
 from splatcore.eda.cells.cell_netlist import plain
+from splatcore.eda.cells.liberty import Library
 from splatcore.eda.gates.macros import memory_name
 
 
@@ -25,7 +26,8 @@ class Logic:
     gates: operands and output of each AND; an inverter has one operand
     names: nets by name, several per net
     initial: initial values of nets
-    clocks: nets
+    clocks: the net of each register
+    gated: enable and clock behind each clock gate
     """
 
     inputs: dict[str, int]
@@ -35,19 +37,28 @@ class Logic:
     gates: list[tuple[list, int]]
     names: dict[str, int | str]
     initial: dict[int, str]
-    clocks: set[int | str]
+    clocks: dict[int, int | str]
+    gated: dict[int, tuple[int | str, int | str]]
 
     @classmethod
-    def of(cls, text: str) -> "Logic":
-        """Read yosys's JSON; DifferenceError if a register has another clock than the port."""
-        top, found = json.loads(text)["modules"]["top"], cls({}, {}, {}, {}, [], {}, {}, set())
-        undefined = count(-1, -1)
+    def of(cls, text: str, library: Library | None = None) -> "Logic":
+        """Read yosys's JSON; DifferenceError if a register has another clock than the port.
+
+        library: with the clock gates of the netlist
+        """
+        top, found = json.loads(text)["modules"]["top"], cls({}, {}, {}, {}, [], {}, {}, {}, {})
+        kinds, undefined = library.cells if library else {}, count(-1, -1)
         for name, port in top["ports"].items():
             to = found.inputs if port["direction"] == "input" else found.outputs
             to.update(_bits(name, _defined(port["bits"], undefined)))
         for name, cell in top["cells"].items():
             nets = {pin: _defined(bits, undefined) for pin, bits in cell["connections"].items()}
-            found.add(name, cell, nets)
+            if (kind := kinds.get(cell["type"])) and kind.is_clock_gate:
+                (output,) = kind.functions
+                found.gated[nets[output][0]] = nets[kind.data][0], nets[kind.clock][0]
+            else:
+                found.add(name, cell, nets)
+        found.enable(undefined)
         found.names = names_in(top)
         for net in top["netnames"].values():
             values = net["attributes"].get("init", "")[::-1]
@@ -55,7 +66,7 @@ class Logic:
                 (bit, value) for bit, value in zip(net["bits"], values, strict=False)
                 if value in "01"
             )  # fmt: skip
-        if other := found.clocks - {found.inputs.get("clk")}:
+        if other := {*found.clocks.values()} - {found.inputs.get("clk")}:
             raise DifferenceError(f"{len(other)} clocks are not the port clk")
         return found
 
@@ -69,7 +80,7 @@ class Logic:
             case "$_DFF_P_":
                 self.registers[nets["Q"][0]] = nets["D"][0]
                 self.instances[nets["Q"][0]] = re.sub(r"^\$flatten.|\.\$auto\$.*", "", name)
-                self.clocks.add(nets["C"][0])
+                self.clocks[nets["Q"][0]] = nets["C"][0]
             case kind if kind.startswith(memory_name(0, 0).removesuffix("0x0")):
                 for port, bits in nets.items():
                     is_input = cell["port_directions"][port] == "output"
@@ -77,6 +88,23 @@ class Logic:
                     to.update(_bits(f"{plain(name)}.{port}", bits))
             case kind:
                 raise DifferenceError(f"{name}: no logic for {kind}")
+
+    def enable(self, numbers: Iterator[int]):
+        """Registers behind a clock gate keep their values if it is not enabled.
+
+        numbers: of new nets
+        """
+        for register, clock in self.clocks.items():
+            while clock in self.gated:
+                enable, clock = self.gated[clock]
+                off, moves, stays, unmoved, unstayed, neither, then = islice(numbers, 7)
+                self.gates += [
+                    ([enable], off), ([enable, self.registers[register]], moves),
+                    ([off, register], stays), ([moves], unmoved), ([stays], unstayed),
+                    ([unmoved, unstayed], neither), ([neither], then),
+                ]  # fmt: skip
+                self.registers[register] = then
+                self.clocks[register] = clock
 
     @cached_property
     def undefined(self) -> set[int]:

@@ -90,7 +90,12 @@ class Silicon:
 
 def silicon(component: wiring.Component, library: Library) -> Silicon:
     """Map a component on its own to a library, with registers on the other side of its ports."""
-    return Silicon.of(put_together(library, {"": fastest(Netlist.of(component), library)}))
+    return silicon_of(Netlist.of(component), library)
+
+
+def silicon_of(rtl: Netlist, library: Library) -> Silicon:
+    """`silicon` of a component that is converted already."""
+    return Silicon.of(put_together(library, {"": fastest(rtl, library)}))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from splatcore.eda.cells.silicon import (
     area_28nm,
     long_paths,
     machine_silicon,
-    silicon,
+    silicon_of,
 )  # fmt: skip
 from splatcore.eda.cells.static_timing import (
     MEMORY_ACCESS_FO4,
@@ -90,14 +90,17 @@ def print_silicon(
     Returns the same figures for a JSON file.
     """
     library = read_liberty(liberty)
-    facts, found = {"liberty": _about(library)}, {}
+    facts, found, rtl = {"liberty": _about(library)}, {}, {}
     with progress_bar("mapping", len(stages)) as advance:
         for done, name in enumerate(each for each in stages if each != "top"):
             advance(done, len(stages), f"mapping {name}")
-            found[name] = silicon(PARTS[name](config), library)
+            rtl[name] = Netlist.of(PARTS[name](config))
+            found[name] = silicon_of(rtl[name], library)
     if "top" in stages:
         with progress_bar("elaborating the machine") as advance:
-            parts, found["top"] = machine_silicon(netlist(config), library, advance)
+            hierarchy = netlist(config)
+            parts, found["top"] = machine_silicon(hierarchy, library, advance)
+            rtl["top"] = whole(hierarchy)
         facts["top"] = _print_machine(config, library, parts, found["top"], process)
         if output is not None:
             make_folder(output)
@@ -113,13 +116,8 @@ def print_silicon(
             for path in write_opensta(each.timing, liberty, name, output, shipped):
                 console.print(str(path), soft_wrap=True)
     if check:
-        rtl = {name: _rtl(config, name) for name in found}
         facts["check"] = print_checks({k: (rtl[k], each.netlist) for k, each in found.items()})
     return facts
-
-
-def _rtl(config: Config, name: str) -> Netlist:
-    return whole(netlist(config)) if name == "top" else Netlist.of(PARTS[name](config))
 
 
 def _about(library: Library) -> dict:
