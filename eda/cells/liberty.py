@@ -64,7 +64,8 @@ class Cell:
     area: um²
     inputs: capacitance in pF of each pin, rising and falling
     functions: logic function of each output
-    state: attributes of its flip-flop by name; empty for logic
+    state: attributes of its flip-flop by name; empty for logic. A clock gate has its kind as
+        `gate`, and its pins as `clocked_on` and `next_state` (the enable)
     special: whether synthesis must not choose it
     leakage: W
     """
@@ -90,16 +91,28 @@ class Cell:
     def is_flip_flop(self) -> bool:
         """Whether it is a plain flip-flop: clocked by a rising edge, with an input pin as data."""
         clock, data = (self.state.get(name, "") for name in ("clocked_on", "next_state"))
-        return clock.strip("() ") in self.inputs and data.strip("() ") in self.inputs
+        pins = {clock.strip("() "), data.strip("() ")}
+        return pins <= self.inputs.keys() and "gate" not in self.state
+
+    @property
+    def is_clock_gate(self) -> bool:
+        """Whether it passes on its clock while enabled: a latch, open while the clock is low, and
+        an AND. Others have further inputs, for tests."""
+        return self.state.get("gate") == "latch_posedge" and len(self.inputs) == 2
+
+    @property
+    def is_clocked(self) -> bool:
+        """Whether it is a flip-flop or a clock gate."""
+        return self.is_flip_flop or self.is_clock_gate
 
     @property
     def clock(self) -> str:
-        """A flip-flop's clock pin."""
+        """Clock pin of a flip-flop or clock gate."""
         return self.state["clocked_on"].strip("() ")
 
     @property
     def data(self) -> str:
-        """A flip-flop's data pin."""
+        """Data pin of a flip-flop, or enable of a clock gate."""
         return self.state["next_state"].strip("() ")
 
     def rests_in(self, condition: str) -> bool:
@@ -152,6 +165,7 @@ class Library:
     text: contents of its file
     corner: process, voltage and temperature as text
     voltage: V
+    gates_clocks: whether synthesis may choose its clock gates
     """
 
     name: str
@@ -159,6 +173,7 @@ class Library:
     corner: str
     voltage: float
     cells: dict[str, Cell]
+    gates_clocks: bool = True
 
     def smallest(self, *truth: int) -> Cell | None:
         """The smallest cell with one output of that truth table; None if there is none."""
@@ -189,6 +204,12 @@ class Library:
         """The smallest flip-flop."""
         found = (cell for cell in self.usable if cell.is_flip_flop)
         return min(found, key=lambda cell: (cell.area, len(cell.name)), default=None)
+
+    @cached_property
+    def clock_gate(self) -> Cell | None:
+        """The smallest clock gate; None if there is none, or it may not be chosen."""
+        found = (cell for cell in self.cells.values() if cell.is_clock_gate and self.gates_clocks)
+        return min(found, key=lambda cell: cell.area, default=None)
 
     def left_out(self) -> list[str]:
         """Names of cells that synthesis must not choose."""

@@ -138,10 +138,21 @@ class Reader:
             group.names[0], group.number("area"), inputs, functions,
             {name: str(value) for name, value in sorted(flip_flop.lines.items())}
             | ({"variable": flip_flop.names[0]} if flip_flop.names else {})
-            | ({"other": other.kind} if other else {}),
+            | ({"other": other.kind} if other else {}) | self.clock_gate(group),
             tuple(arcs), special or three_state or "" in functions.values(), tuple(inside),
             self.leakage * group.number("cell_leakage_power"),
         )  # fmt: skip
+
+    def clock_gate(self, group: Group) -> dict[str, str]:
+        """State of a clock gate; empty for another cell."""
+        if not (kind := group.lines.get("clock_gating_integrated_cell")):
+            return {}
+        names = {"clocked_on": "clock_gate_clock_pin", "next_state": "clock_gate_enable_pin"}
+        return {"gate": kind} | {
+            name: pin.names[0]
+            for name, attribute in names.items()
+            for pin in group.of_kind("pin") if pin.lines.get(attribute) == "true"
+        }  # fmt: skip
 
     def capacitances(self, pin: Group) -> tuple[float, float]:
         both = pin.number("capacitance", self.group.number("default_input_pin_cap"))
