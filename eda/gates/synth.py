@@ -56,6 +56,7 @@ CLOCK_GATE_NAND2 = 4
 CLOCK_GATES = """\
 dffunmap
 opt_dff -nosdff
+opt_merge
 opt_clean
 clockgate -pos {} -min_net_size 4
 """
