@@ -81,7 +81,7 @@ tee -o path ltp -noff
 """
 
 HIDDEN = with_clock_gates(UNMAPPED) + "chtype -set register t:$_DFF_P_\n"
-"""Registers are hidden while logic is mapped: yosys would give ABC the logic of each clock apart."""
+"""Registers are hidden while logic is mapped: yosys gives ABC the logic of each clock apart."""
 
 AREA = HIDDEN + "abc -g cmos" + RESULT
 """Mapping for area: adders become ripple-carry chains of full adders."""
