@@ -35,15 +35,19 @@ def power_command(
         "N",
         "Count net changes in one of N windows of cycles; 1: in all. Default: about 32 windows.",
     ),
+    toggles: bool = option(
+        False, None, "Also list the 20 registers and memories that take the most power."
+    ),
     liberty: str | None = LIBERTY,
     process: float | None = PROCESS,
 ) -> dict:
     """ESTIMATE the power of a frame by stage, to first order.
 
     Simulates frames in RTL. The energy of a part is the mean rate of changes of its RTL nets, times
-    its gates, times the energy of a switching NAND2; flip-flops add their clock, memories their
-    accesses, DRAM (listed apart) its bytes. Nothing is laid out. Constants for 28 nm at 0.9 V and
-    their sources are in spec/energy.py. Accuracy: a factor of two either way.
+    its gates, times the energy of a switching NAND2; flip-flops add their clock, as far as their
+    clock gate is open, memories their accesses, DRAM (listed apart) its bytes. Nothing is laid out.
+    Constants for 28 nm at 0.9 V and their sources are in spec/energy.py. Accuracy: a factor of two
+    either way.
 
     With --liberty the energies of gates and flip-flops come from the library, by slew and load with
     wires, scaled from --process and its voltage.
@@ -56,8 +60,9 @@ def power_command(
     shot.check_fits()
     from splatcore.eda.power.activity import counts_of
     from splatcore.eda.power.cells import machine_gates
+    from splatcore.eda.power.clocks import clocked
     from splatcore.eda.power.estimate import estimate
-    from splatcore.eda.power.tables import lines, report, table
+    from splatcore.eda.power.tables import costs, lines, report, table
 
     source = shot.source
     counts = counts_of(config, shot.job, sample, f"simulating {source.name}")
@@ -65,19 +70,21 @@ def power_command(
         raise InputError(f"--fps {fps:g}: is above {fps_max:.1f}, the maximum at 800 MHz")
     with progress_bar("synthesising the machine") as advance:
         gates = machine_gates(config, library, process, advance)
-    found = estimate(counts, gates, config.energy)
+        clocks = clocked(config, counts.registers)
+    found = estimate(counts, gates, clocks, config.energy)
     fps = found.fps_max if fps is None else fps
     frame = f"{Path(source.name).name} {'x'.join(map(str, shot.size))}, preset {config.name}"
     table(found, fps, f"ESTIMATE, first order: {frame}, {fps:.1f} frames per second").print()
     for text in lines(found, fps):
         console.print(text)
+    costly = costs(found, counts, config.energy, fps) if toggles else {}
     facts = {
         "preset": config.name, "scene": source.name, "camera": view.camera or shot.camera.name,
         "size": list(shot.size), **source.stated,
     }  # fmt: skip
     if library:
         facts["liberty"] = _cells(library, process, config.energy)
-    return facts | report(found, counts, config.energy, fps)
+    return facts | report(found, counts, config.energy, fps) | costly
 
 
 def _checked(

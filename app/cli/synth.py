@@ -37,6 +37,12 @@ def synth_command(
         "With --liberty: prove that each netlist of cells is equivalent to its RTL.",
         panel=CELLS,
     ),
+    no_clock_gates: bool = option(
+        False,
+        None,
+        "With --liberty: leave out clock gates, which hold registers that are not enabled.",
+        panel=CELLS,
+    ),
     output: Path | None = option(
         None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
     ),
@@ -58,6 +64,7 @@ def synth_command(
     """
     check_known("--stage", ("top", *PARTS), *stage)
     given = {f"-o {output}": output, f"--process {process}": process, "--check": check or None}
+    given |= {"--no-clock-gates": no_clock_gates or None}
     for words, value in given.items():
         if value is not None and liberty is None:
             raise InputError(f"{words}: goes with --liberty only")
@@ -65,7 +72,7 @@ def synth_command(
     if liberty is not None:
         from splatcore.eda.cells.silicon_tables import print_silicon
 
-        facts |= print_silicon(config, stage, liberty, process, output, check)
+        facts |= print_silicon(config, stage, liberty, process, output, check, not no_clock_gates)
     else:
         if parts := [name for name in stage if name != "top"]:
             facts["stages"] = _synthesise_parts(config, parts)

@@ -2,7 +2,8 @@
 
 A change takes the energy in its cell's tables, by input slew and load, and half of C·V² of the net.
 If a library has several states, the energy is their mean. A flip-flop's clock counts only states in
-which the flip-flop keeps its value: the energy of a new value belongs to its output.
+which the flip-flop keeps its value: the energy of a new value belongs to its output. A clock gate
+takes the energy of an open one in each cycle.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ class CellEnergy:
     """Energy of each cell of a netlist.
 
     change: J if each of its pins changes once, including the loads of its outputs
-    clock: J per clock period, of flip-flops
+    clock: J per clock period, of flip-flops and clock gates
     leakage: W
     """
 
@@ -41,12 +42,14 @@ class CellEnergy:
             for pin in cell.functions:
                 change[cells] += timing.load[nets[pin]].mean(axis=1) * volts**2 / 2
             for pin, found in groupby(cell.inside, key=lambda each: each.pin):
-                if cell.is_flip_flop and pin == cell.clock:
+                if cell.is_clock_gate and pin != cell.data:
+                    clock[cells] += 2 * _mean(timing, list(found), nets)
+                elif cell.is_flip_flop and pin == cell.clock:
                     resting = [each for each in found if cell.rests_in(each.condition)]
                     clock[cells] += 2 * _mean(timing, resting, nets)
                 else:
                     change[cells] += _mean(timing, list(found), nets)
-            if cell.is_flip_flop:
+            if cell.is_clocked:
                 clock[cells] += sum(cell.inputs[cell.clock]) / 2 * volts**2
         return cls(PICO * change, PICO * clock, leakage)
 

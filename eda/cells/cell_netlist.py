@@ -73,6 +73,23 @@ class CellNetlist:
         return np.array([cell.is_flip_flop for cell in self.cell_kinds])[self.kinds]
 
     @property
+    def is_clock_gate(self) -> np.ndarray:
+        """[cells] whether each cell is of this kind."""
+        return np.array([cell.is_clock_gate for cell in self.cell_kinds])[self.kinds]
+
+    @property
+    def gated(self) -> int:
+        """Number of flip-flops behind clock gates."""
+        behind = [np.zeros(0, np.int64)]
+        clocks = [np.zeros(0, np.int64)]
+        for cell, _, nets in self.by_kind():
+            if cell.is_clock_gate:
+                behind += [nets[pin] for pin in cell.functions]
+            elif cell.is_flip_flop:
+                clocks.append(nets[cell.clock])
+        return int(np.isin(np.concatenate(clocks), np.concatenate(behind)).sum())
+
+    @property
     def is_buffer(self) -> np.ndarray:
         """[cells] whether each cell is of this kind."""
         return np.array([cell.computes(0, 1) for cell in self.cell_kinds])[self.kinds]

@@ -101,6 +101,11 @@ class Cell:
         return self.state.get("gate") == "latch_posedge" and len(self.inputs) == 2
 
     @property
+    def is_clocked(self) -> bool:
+        """Whether it is a flip-flop or a clock gate."""
+        return self.is_flip_flop or self.is_clock_gate
+
+    @property
     def clock(self) -> str:
         """Clock pin of a flip-flop or clock gate."""
         return self.state["clocked_on"].strip("() ")
@@ -160,6 +165,7 @@ class Library:
     text: contents of its file
     corner: process, voltage and temperature as text
     voltage: V
+    gates_clocks: whether synthesis may choose its clock gates
     """
 
     name: str
@@ -167,6 +173,7 @@ class Library:
     corner: str
     voltage: float
     cells: dict[str, Cell]
+    gates_clocks: bool = True
 
     def smallest(self, *truth: int) -> Cell | None:
         """The smallest cell with one output of that truth table; None if there is none."""
@@ -197,6 +204,12 @@ class Library:
         """The smallest flip-flop."""
         found = (cell for cell in self.usable if cell.is_flip_flop)
         return min(found, key=lambda cell: (cell.area, len(cell.name)), default=None)
+
+    @cached_property
+    def clock_gate(self) -> Cell | None:
+        """The smallest clock gate; None if there is none, or it may not be chosen."""
+        found = (cell for cell in self.cells.values() if cell.is_clock_gate and self.gates_clocks)
+        return min(found, key=lambda cell: cell.area, default=None)
 
     def left_out(self) -> list[str]:
         """Names of cells that synthesis must not choose."""

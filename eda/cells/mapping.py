@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 
 from splatcore.eda.cells.liberty import Library
-from splatcore.eda.gates.synth import UNMAPPED, Netlist
+from splatcore.eda.gates.synth import UNMAPPED, Netlist, with_clock_gates
 
 MAP = (
     UNMAPPED.replace("expose -evert\n", "").replace("synth ", "synth {sums} ")
@@ -87,6 +87,9 @@ def mapped(netlist: Netlist, library: Library, sums: str = "", passes: int = PAS
     files = {"cells.lib": library.text, "recipe": recipe(passes), "constraints": constraints}
     pins = {cell.name: (*cell.inputs, *cell.functions) for cell in library.cells.values()}
     script = MAP.format(left_out=left_out, sums=sums)
+    if gate := library.clock_gate:
+        (output,) = gate.functions
+        script = with_clock_gates(script, f"{gate.name} {gate.data}:{gate.clock}:{output}")
     return Mapped(**netlist.run(script, lambda found: _summary(found, pins), files))
 
 

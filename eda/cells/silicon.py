@@ -63,6 +63,8 @@ class Silicon:
             "cells": len(netlist.kinds),
             "flip_flops": int(netlist.is_flip_flop.sum()),
             "flip_flops_um2": float(netlist.areas[netlist.is_flip_flop].sum()),
+            "clock_gates": int(netlist.is_clock_gate.sum()),
+            "gated": netlist.gated,
             "buffers": int(netlist.is_buffer.sum()),
             "memories": len(netlist.memories),
             "longest": self.path_facts(self.timing.longest),

@@ -1,5 +1,6 @@
 """Output of `splatcore synth --liberty`: tables, the longest paths, mm² at 28 nm."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -41,6 +42,7 @@ STAGE_COLUMNS = (
     Column("um²", digits=0, get="um2"),
     Column("NAND2", digits=0, get="nand2"),
     Column("flip-flops", digits=0, get="flip_flops"),
+    Column("gated", digits=1, get=lambda row: f"{row['gated'] / (row['flip_flops'] or 1):.1%}"),
     Column("buffers", digits=1, get=lambda row: f"{row['buffers'] / (row['cells'] or 1):.1%}"),
     Column("ps", digits=0, get="longest.ps"),
     Column("FO4", digits=1, get="longest.fo4"),
@@ -79,6 +81,7 @@ def print_silicon(
     process: float | None,
     output: Path | None,
     check: bool,
+    clock_gates: bool,
 ) -> dict:
     """Print stages, or the whole machine, in cells of a library.
 
@@ -87,9 +90,10 @@ def print_silicon(
     process: its feature size in nm, to scale its area to 28 nm
     output: folder for OpenSTA's files
     check: whether to prove that netlists and RTL are equivalent
+    clock_gates: whether to gate clocks
     Returns the same figures for a JSON file.
     """
-    library = read_liberty(liberty)
+    library = replace(read_liberty(liberty), gates_clocks=clock_gates)
     facts, found, rtl = {"liberty": _about(library)}, {}, {}
     with progress_bar("mapping", len(stages)) as advance:
         for done, name in enumerate(each for each in stages if each != "top"):

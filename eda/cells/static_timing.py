@@ -123,7 +123,7 @@ class Timing:
 
         for cell, _, nets in netlist.by_kind():
             for pin, capacitance in cell.inputs.items():
-                if not (cell.is_flip_flop and pin == cell.clock):
+                if not (cell.is_clocked and pin == cell.clock):
                     add(nets[pin], capacitance)
         ends = [port for port in netlist.ports if not port.is_input]
         ends += [p for *_, ports in netlist.memories for p in ports if p.is_input]
@@ -136,7 +136,8 @@ class Timing:
         found = [np.zeros((4, 0), np.int64)]
         for cell, cells, nets in self.netlist.by_kind():
             for arc in cell.arcs:
-                if arc.kind in kinds and (arc.begin in cell.inputs or arc.kind):
+                logic = arc.begin in cell.inputs and not cell.is_clock_gate
+                if arc.kind in kinds and (logic or arc.kind):
                     number = np.full(len(cells), self.library_arcs.number[id(arc)])
                     found.append(np.stack([nets[arc.begin], nets[arc.end], number, cells]))
         return np.concatenate(found, axis=1).T

@@ -86,6 +86,7 @@ class Size:
     speed_nand2: float
     speed_depth: int
     flip_flops: int
+    clock_gates: int
     flip_flops_before: int
     memories: tuple[str, ...]
 

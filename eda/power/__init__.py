@@ -1,4 +1,4 @@
 """First-order power estimate from switching in RTL simulation.
 
-May import: spec, hdl, sim, eda, eda.cells, eda.gates.
+May import: spec, golden, hdl, sim, eda, eda.cells, eda.gates.
 """

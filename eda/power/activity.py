@@ -17,12 +17,13 @@ import numpy as np
 
 from splatcore.eda.gates.machine_gates import PARTS, part_around
 from splatcore.eda.gates.macros import Macros, module, sizes_in
+from splatcore.eda.power.loads import SUFFIX, observed
 from splatcore.eda.power.saif import duration, nets
+from splatcore.golden.pipeline import render
 from splatcore.hdl.top import Top
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.cycles.frame import frame_cycles
-from splatcore.sim.frame.engines import golden
 from splatcore.sim.machine.machine import Job, Machine
 from splatcore.sim.machine.path import simulate
 from splatcore.sim.machine.program import TOGGLES
@@ -55,6 +56,20 @@ class Activity:
 
 
 @dataclass(frozen=True)
+class Register:
+    """A register of the machine.
+
+    loads: shares of cycles in which it loads a value, of its bits or of all bits alike
+    changes: per frame, of all its bits
+    """
+
+    part: str
+    bits: int
+    loads: list[float]
+    changes: float
+
+
+@dataclass(frozen=True)
 class Accesses:
     """A memory: its path, its part, its size, and its reads and writes per frame."""
 
@@ -71,6 +86,7 @@ class Counts:
     """Switching of a frame.
 
     parts: by name, as in `eda.gates.machine_gates.PARTS`
+    registers: by path and name (`plain`)
     cycles, pixels: of a frame
     sample_every: one window in `sample_every` was sampled
     simulated, counted: cycles of the run, and of its sampled windows
@@ -78,6 +94,7 @@ class Counts:
     """
 
     parts: dict[str, Activity]
+    registers: dict[str, Register]
     memories: list[Accesses]
     cycles: int
     pixels: int
@@ -89,14 +106,20 @@ class Counts:
 
 @cache
 def machine_source(config: Config) -> str:
-    """The machine's Verilog with memories as modules, whose enables are nets."""
-    text = kept(Top(config), platform=Macros())
+    """The machine's Verilog with memories as modules, whose enables are nets, and with observers of
+    registers (`eda.power.loads`)."""
+    text = observed(kept(Top(config), platform=Macros()))
     return text + "".join(module(*size) for size in sizes_in(text))
 
 
 def plain(name: str) -> str:
     """A path without the suffixes $N that Amaranth appends to equal names."""
     return re.sub(r"\$\d+", "", name)
+
+
+def register_name(path: str) -> str:
+    """The path of a register or of a net, without the suffixes $N of instances."""
+    return re.sub(r"\$\d+(?=\.)", "", path)
 
 
 def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
@@ -113,10 +136,15 @@ def memory_sizes(source: str) -> dict[str, tuple[int, int]]:
 
 def read_counts(
     path: Path, sizes: dict[str, tuple[int, int]], scale: float
-) -> tuple[dict[str, Activity], list[Accesses]]:
-    """Read activity by part and accesses by memory from a SAIF file, multiplied by `scale`."""
+) -> tuple[dict[str, Activity], dict[str, Register], list[Accesses]]:
+    """Read a SAIF file: activity by part, loads by register and accesses by memory.
+
+    scale: factor from the file's cycles to a frame's
+    """
     bits, changes, still = Counter(), Counter(), Counter()
     enables: dict[tuple[str, str], int] = {}
+    loads: dict[str, list[int]] = {}
+    by_name, widths = Counter(), Counter()  # of all nets
     for net in nets(path):
         if len(net.path) < TOP_DEPTH:
             continue
@@ -125,6 +153,12 @@ def read_counts(
             if net.name in ("read_enable", "write_enable"):
                 enables[instance.removesuffix(f".{MACRO}"), net.name] = net.high
             continue
+        full = register_name(".".join((*net.path[TOP_DEPTH:], net.name.partition("[")[0])))
+        if full.endswith(SUFFIX):
+            loads.setdefault(full.removesuffix(SUFFIX), []).append(net.high)
+            continue
+        by_name[full] += net.changes
+        widths[full] += 1
         name = part_around(instance)
         bits[name] += 1
         changes[name] += net.changes
@@ -143,7 +177,15 @@ def read_counts(
         )
         for place in sorted(sizes)
     ]  # fmt: skip
-    return activity, accesses
+    cycles = duration(path)
+    registers = {
+        name: Register(
+            part_around(plain(name.rpartition(".")[0])), widths[name],
+            [high / cycles for high in found], by_name[name] * scale,
+        )
+        for name, found in loads.items()
+    }  # fmt: skip
+    return activity, registers, accesses
 
 
 def counts_of(config: Config, job: Job, sample_every: int | None, label: str) -> Counts:
@@ -169,7 +211,7 @@ def simulated_counts(
     config: Config, source: str, job: Job, sample_every: int | None, label: str
 ) -> Counts:
     """Simulate the frames for `counts_of`. source: Verilog of the machine."""
-    frame = golden(config, job)
+    frame = render(config, *job)
     every = sample_every or max(1, round(frame_cycles(config, frame).frame / COUNTED))
     with progress_bar(f"building the machine {config.name} with activity counting, takes minutes"):
         machine = Machine(config, source, toggles=True)
@@ -185,9 +227,9 @@ def simulated_counts(
         with progress_bar("counting"):
             path, (cycles,) = Path(name) / "waves.saif", run.frame_cycles
             counted = duration(path)
-            parts, memories = read_counts(path, memory_sizes(source), cycles / counted)
+            parts, registers, memories = read_counts(path, memory_sizes(source), cycles / counted)
     return Counts(
-        parts, memories, cycles, job.camera.width * job.camera.height, every,
+        parts, registers, memories, cycles, job.camera.width * job.camera.height, every,
         run.report.cycles, counted, run.frames[-1].traffic,
     )  # fmt: skip
 
@@ -200,5 +242,6 @@ def settings(sample_every: int) -> dict[str, str]:
 def from_json(facts: dict) -> Counts:
     """Read `Counts` from their JSON object."""
     parts = {name: Activity(**found) for name, found in facts["parts"].items()}
+    registers = {name: Register(**found) for name, found in facts["registers"].items()}
     memories = [Accesses(**found) for found in facts["memories"]]
-    return Counts(**facts | {"parts": parts, "memories": memories})
+    return Counts(**facts | {"parts": parts, "registers": registers, "memories": memories})

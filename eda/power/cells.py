@@ -27,7 +27,11 @@ def gates_in_cells(timing: Timing, process: float, energy: Energy) -> dict[str, 
     factor = energy.scale(process, cells.library.voltage)
     nand2 = cells.areas / cells.library.nand2.area
     leakage = nand2 * energy.gate_leakage * NANO
-    each = nand2, cells.is_flip_flop, factor * found.change, factor * found.clock, leakage
+    is_gate = cells.is_clock_gate
+    each = (
+        nand2, cells.is_flip_flop, factor * found.change, factor * found.clock * ~is_gate,
+        factor * found.clock * is_gate, leakage,
+    )  # fmt: skip
     sums = (np.bincount(number, values, len(names)).tolist() for values in each)
     return dict(zip(names, map(Gates._make, zip(*sums, strict=True)), strict=True))
 

@@ -5,8 +5,9 @@ NAND2-equivalents × energy of a switching NAND2, or comes from the cells of a l
 (`eda.power.cells`). Activity is measured in RTL, as changes per bit and cycle of the part's nets,
 which stand for the nets of the synthesised gates. Both are rough: RTL has nets that synthesis
 removes (constants, and several names of one wire), gates have more nets than RTL, and hazards are
-left out. Flip-flops are clocked in every cycle of a frame, as there are no clock gates. Memories
-take energy only when they are read or written.
+left out. Flip-flops are clocked while their clock gate is open (`eda.power.clocks`), those without
+one and the gates themselves in every cycle of a frame. Memories take energy only when they are read
+or written.
 """
 
 from collections.abc import Iterable
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 
 from splatcore.eda.gates.machine_gates import PARTS, Size
 from splatcore.eda.power.activity import Counts
+from splatcore.eda.power.clocks import Clocked
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import Energy
 
@@ -26,12 +28,19 @@ STAGES = tuple(dict.fromkeys(STAGE_OF.values()))
 
 
 class Gates(NamedTuple):
-    """A part. change: J if all its nets change once; clock: J per cycle; leakage: W."""
+    """A part.
+
+    change: J if all its nets change once
+    clock: J per cycle in which all its flip-flops are clocked
+    gates_clock: J per cycle of its clock gates
+    leakage: W
+    """
 
     nand2: float
     flip_flops: int
     change: float
     clock: float
+    gates_clock: float
     leakage: float
 
 
@@ -41,6 +50,7 @@ class Logic:
 
     activity: changes per bit and cycle
     switching, clock: J per frame
+    clock_always: J per frame if all flip-flops were clocked in each cycle, without clock gates
     leakage: W
     """
 
@@ -49,6 +59,7 @@ class Logic:
     activity: float
     switching: float
     clock: float
+    clock_always: float
     leakage: float
 
     @property
@@ -129,18 +140,27 @@ def by_stage(found: Iterable[tuple[str, Any]]) -> dict[str, list]:
 
 
 def gates_of(sizes: Iterable[Size], energy: Energy) -> dict[str, Gates]:
-    """Parts with energies of plain gates. sizes: from synthesis, mapped for area."""
+    """Parts with energies of plain gates; a clock gate's clock counts as a flip-flop's.
+
+    sizes: from synthesis, mapped for area
+    """
     return {
         size.part.name: Gates(
             size.nand2, size.flip_flops, size.nand2 * energy.switching * FEMTO,
-            size.flip_flops * energy.clock * FEMTO, size.nand2 * energy.gate_leakage * NANO,
+            size.flip_flops * energy.clock * FEMTO, size.clock_gates * energy.clock * FEMTO,
+            size.nand2 * energy.gate_leakage * NANO,
         )
         for size in sizes
     }  # fmt: skip
 
 
-def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimate:
-    """Estimate energy and leakage of a frame. gates: by part, the same parts as in `counts`."""
+def estimate(
+    counts: Counts, gates: dict[str, Gates], clocks: dict[str, Clocked], energy: Energy
+) -> Estimate:
+    """Estimate energy and leakage of a frame.
+
+    gates, clocks: by part, the same parts as in `counts`
+    """
     if set(gates) != set(counts.parts):
         raise ValueError(f"parts with only sizes or counts: {set(gates) ^ set(counts.parts)}")
     logic = {}
@@ -149,7 +169,9 @@ def estimate(counts: Counts, gates: dict[str, Gates], energy: Energy) -> Estimat
         changes = found.changes / found.bits
         logic[name] = Logic(
             part.nand2, part.flip_flops, changes / counts.cycles,
-            changes * part.change, counts.cycles * part.clock, part.leakage,
+            changes * part.change,
+            counts.cycles * (part.clock * clocks[name].share + part.gates_clock),
+            counts.cycles * part.clock, part.leakage,
         )  # fmt: skip
     memories = {}
     for found in counts.memories:

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from splatcore.eda.paper import LOGIC, MEMORY_POWER, PIXELS_PER_JOULE, POWER
 from splatcore.eda.power.activity import SAMPLE_LENGTH, Counts
-from splatcore.eda.power.estimate import FEMTO, Estimate, Logic, sum_of
+from splatcore.eda.power.estimate import FEMTO, STAGE_OF, Estimate, Logic, sum_of
 from splatcore.sim.common.table import Column, Table
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.spec.energy import Energy
@@ -19,6 +19,7 @@ COLUMNS = (
     ),
     Column("gates", digits=2, get="switching", per=MILLI, none=""),
     Column("clock", digits=2, per=MILLI, none=""),
+    Column("ungated", digits=2, get="clock_always", per=MILLI, none=""),
     Column("mW", digits=2, get="power", per=MILLI, none=""),
     Column("paper", digits=2, per=MILLI, none=""),
     Column("fJ", digits=3, get="femto", none=""),
@@ -26,7 +27,7 @@ COLUMNS = (
 )
 """Columns of the table; powers in W, 0 is empty; fJ are per NAND2-equivalent and cycle."""
 
-POWERS = ("switching", "clock", "power", "paper")
+POWERS = ("switching", "clock", "clock_always", "power", "paper")
 
 
 def table(found: Estimate, fps: float, title: str) -> Table:
@@ -54,7 +55,8 @@ def _logic(logic: Logic, cycles: int, fps: float, nand2: float, paper: float) ->
     """A stage's row. nand2, paper: NAND2-equivalents and W of the paper's stage."""
     return {
         "nand2": logic.nand2, "activity": logic.activity, "switching": logic.switching * fps,
-        "clock": logic.clock * fps, "power": logic.frame * fps + logic.leakage, "paper": paper,
+        "clock": logic.clock * fps, "clock_always": logic.clock_always * fps,
+        "power": logic.frame * fps + logic.leakage, "paper": paper,
         "femto": logic.frame / (logic.nand2 * cycles) / FEMTO,
         "paper_femto": implied(nand2, paper) if nand2 else None,
     }  # fmt: skip
@@ -74,8 +76,45 @@ def lines(found: Estimate, fps: float) -> list[str]:
         f"(leakage {found.leakage / fps / MILLI:.3f} of it), DRAM {dram / MILLI:.3f} mJ.",
         f"Mpixels/J: {chip:,.0f}, with DRAM {with_dram:,.0f}; the paper's "
         f"{PIXELS_PER_JOULE / MEGA:,.0f} without.",
-        "No clock gates, no hazards, no layout; constants: spec/energy.py.",
+        "No hazards, no layout; constants: spec/energy.py. Ungated: the clock without clock gates.",
     ]
+
+
+COSTLY = 20
+
+COST_COLUMNS = (
+    Column("register or memory", get="name"),
+    Column("part"),
+    Column("bits", digits=0),
+    Column("clocked; accesses per cycle", digits=2, get="uses"),
+    Column("mW", digits=3, get="power", per=MILLI),
+)
+
+
+def costs(found: Estimate, counts: Counts, energy: Energy, fps: float) -> dict:
+    """Print the `COSTLY` registers and memories that take the most power; return them for JSON.
+
+    A register's power is that of its clock, if gated by its own enable, and of its changes.
+    """
+    rows = []
+    for name, each in counts.registers.items():
+        share = sum(each.loads) / len(each.loads)
+        clock = share * each.bits * counts.cycles * energy.clock
+        power = (clock + each.changes * energy.switching) * FEMTO * fps
+        rows.append({
+            "name": name, "part": each.part, "bits": each.bits, "uses": share, "power": power
+        })  # fmt: skip
+    for each in counts.memories:
+        memory = found.memories[each.path, STAGE_OF[each.part]]
+        uses = (each.reads + each.writes) / counts.cycles
+        power = memory.access * fps + memory.leakage
+        rows.append({
+            "name": each.path, "part": each.part, "bits": each.words * each.bits, "uses": uses,
+            "power": power,
+        })  # fmt: skip
+    rows = sorted(rows, key=lambda row: row["power"], reverse=True)[:COSTLY]
+    Table.of("costs", "registers and memories that take the most power", COST_COLUMNS, rows).print()
+    return {"costs": rows}
 
 
 def report(found: Estimate, counts: Counts, energy: Energy, fps: float) -> dict:

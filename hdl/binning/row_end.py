@@ -30,6 +30,7 @@ class RowEnd(wiring.Component):
         self.config = config
         t = signed(HALF_BITS + 1)
         ports = {
+            "passing": In(LATENCY),  # bit k: there was a band k cycles ago
             "low": In(t),  # the band, within ± half
             "high": In(t),  # the band, within ± half
             "box": In(1),  # with the band: the half width is the end
@@ -48,42 +49,44 @@ class RowEnd(wiring.Component):
         margin, cut = lean_margin(self.config), FACTOR_FRACTION - GUARD
         inside = (self.low - margin <= self.lean) & (self.lean <= self.high + margin)
         t = Mux(self.lean > self.high, self.high, self.low)
-        whole, t = self._register(m, "chosen", inside | self.box, t)
-        [half, normalise] = self._register(m, "unit", self.half, self.normalise)
+        whole, t = self._register(m, "chosen", 0, inside | self.box, t)
+        [half, normalise] = self._register(m, "unit", 0, self.half, self.normalise)
 
         size = Mux(t < 0, -t, t)[:HALF_BITS] << normalise
         size, highest = size[:HALF_BITS], (half << normalise)[:HALF_BITS]
         negative, size, less, more = self._register(
-            m, "factors", t < 0, size, (highest - size)[:HALF_BITS], highest + size
+            m, "factors", 1, t < 0, size, (highest - size)[:HALF_BITS], highest + size
         )
         signed_size = Mux(negative, -size, size)[: HALF_BITS + 1].as_signed()
         radicand, product = self._register(
-            m, "products", (less * more)[: 2 * HALF_BITS], (self.shear * signed_size) >> cut
+            m, "products", 2, (less * more)[: 2 * HALF_BITS], (self.shear * signed_size) >> cut
         )
         root = self._root(m, radicand)
-        product = self._later(m, ROOT_CYCLES, product)
-        whole = self._later(m, ROOT_CYCLES + 3, whole)
+        product = self._later(m, 3, ROOT_CYCLES, product)
+        whole = self._later(m, 1, ROOT_CYCLES + 3, whole)
         by_slope, slope, product = self._register(
-            m, "by_slope", root * self.slope, self.slope, product
+            m, "by_slope", SLOPE_AT, root * self.slope, self.slope, product
         )
         total = ((by_slope + slope) >> cut) + product
-        total, whole = self._register(m, "total", total >> GUARD, whole)
+        total, whole = self._register(m, "total", SLOPE_AT + 1, total >> GUARD, whole)
         end = Mux(whole, self.half_width, total + 1 + outward(self.config))
-        m.d.sync += self.o.eq(end)
+        with m.If(self.passing[WIDTH_AT]):
+            m.d.sync += self.o.eq(end)
         return m
 
-    def _register(self, m: Module, name: str, *values: Value) -> list[Signal]:
-        """Values a cycle later."""
+    def _register(self, m: Module, name: str, since: int, *values: Value) -> list[Signal]:
+        """Values that are valid `since` cycles after a band, a cycle later."""
         found = [
             Signal(value.shape(), name=f"{name}_{k}", reset_less=True)
             for k, value in enumerate(map(Value.cast, values))
         ]
-        m.d.sync += [signal.eq(value) for signal, value in zip(found, values, strict=True)]
+        with m.If(self.passing[since]):
+            m.d.sync += [signal.eq(value) for signal, value in zip(found, values, strict=True)]
         return found
 
-    def _later(self, m: Module, cycles: int, value: Value) -> Value:
-        for _ in range(cycles):
-            [value] = self._register(m, "later", value)
+    def _later(self, m: Module, since: int, cycles: int, value: Value) -> Value:
+        for k in range(cycles):
+            [value] = self._register(m, "later", since + k, value)
         return value
 
     def _root(self, m: Module, radicand: Value) -> Value:
@@ -100,7 +103,8 @@ class RowEnd(wiring.Component):
             rest = Mux(grows, difference, rest)[: HALF_BITS - k + 1]
             root = Cat(grows, root)
             if k % ROOT_BITS == 0:
-                rest, root = self._register(m, f"root_{k}", rest, root)
+                since = SLOPE_AT - 1 - k // ROOT_BITS
+                rest, root = self._register(m, f"root_{k}", since, rest, root)
                 if k:
-                    [radicand] = self._register(m, f"radicand_{k}", radicand[: 2 * k])
+                    [radicand] = self._register(m, f"radicand_{k}", since, radicand[: 2 * k])
         return root

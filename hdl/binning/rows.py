@@ -75,7 +75,7 @@ class Rows(wiring.Component):
         self.start, self.passing = {"row": row, "last": last}, Signal(self.latency)
         m.d.sync += self.passing.eq(Cat(self.row, self.passing))
         if self.square:
-            ends = dict.fromkeys(("left", "right"), self._at(m, "end", held.half_x, 1))
+            ends = dict.fromkeys(("left", "right"), self._at(m, "end", held.half_x, 0, 1))
             self._columns(m, held, ends)
         else:
             self._columns(m, *self._ends(m, held, row, number))
@@ -87,18 +87,23 @@ class Rows(wiring.Component):
         """The part of an outline that columns need, a cycle before its ends; and its ends."""
         ends = self._band(m, held, row)
         slope = self._memory(m, number, ("slope",), BAND_AT + SLOPE_AT - 1).slope
-        slope = self._at(m, "slope", slope, 1)
+        slope = self._at(m, "slope", slope, BAND_AT + SLOPE_AT - 1, 1)
         late = ("half_x", "centre_x", "limit_x", "shift_x", "vast_x", "between")
         outline = self._memory(m, number, late, BAND_AT + WIDTH_AT)
         for end in ends.values():
             m.d.comb += [end.slope.eq(slope), end.half_width.eq(outline.half_x)]
         return outline, {side: end.o for side, end in ends.items()}
 
-    def _at(self, m: Module, name: str, value: ValueLike, cycles: int) -> Value:
-        """A value `cycles` later."""
+    def _passes(self, since: int) -> Value:
+        """High `since` cycles after a row's start."""
+        return self.passing[since - 1] if since else self.row
+
+    def _at(self, m: Module, name: str, value: ValueLike, since: int, cycles: int) -> Value:
+        """A value that is valid `since` cycles after a row's start, `cycles` later."""
         for k in range(cycles):
             later = Signal(Value.cast(value).shape(), name=f"{name}_{k + 1}", reset_less=True)
-            m.d.sync += later.eq(value)
+            with m.If(self._passes(since + k)):
+                m.d.sync += later.eq(value)
             value = later
         return value
 
@@ -111,27 +116,31 @@ class Rows(wiring.Component):
             "limit": held.limit_y - held.centre_y,
             "half": held.half_y,
         }
-        low, high, limit, half = (self._at(m, name, edges[name], 1) for name in edges)
+        low, high, limit, half = (self._at(m, name, edges[name], 0, 1) for name in edges)
         most = Mux(limit > half, half, limit)
         band = signed(HALF_BITS + 1)
         clipped = {
             name: Signal(band, name=f"band_{name}", reset_less=True) for name in ("low", "high")
         }
-        m.d.sync += clipped["low"].eq(Mux(low < -half, -half, low))
-        m.d.sync += clipped["high"].eq(Mux(high > most, most, high))
-        lean, shear = held.lean, self._at(m, "shear", held.shear, BAND_AT + 1)
+        with m.If(self._passes(1)):
+            m.d.sync += clipped["low"].eq(Mux(low < -half, -half, low))
+            m.d.sync += clipped["high"].eq(Mux(high > most, most, high))
+        lean, shear = held.lean, self._at(m, "shear", held.shear, 0, BAND_AT + 1)
         ends = {}
         for side in ("right", "left"):
             mirror = side == "left"
             m.submodules[side] = ends[side] = end = RowEnd(self.config)
             m.d.comb += [
+                *(bit.eq(self._passes(BAND_AT + k)) for k, bit in enumerate(end.passing)),
                 end.low.eq(clipped["low"]),
                 end.high.eq(clipped["high"]),
-                end.box.eq(self._at(m, "box", held.vast_y, BAND_AT)),
-                end.lean.eq(self._at(m, f"lean_{side}", -lean if mirror else lean, BAND_AT)),
-                end.half.eq(self._at(m, "half_again", half, BAND_AT - 1)),
-                end.normalise.eq(self._at(m, "normalise", held.normalise, BAND_AT)),
-                end.shear.eq(self._at(m, f"shear_{side}", -shear if mirror else shear, 1)),
+                end.box.eq(self._at(m, "box", held.vast_y, 0, BAND_AT)),
+                end.lean.eq(self._at(m, f"lean_{side}", -lean if mirror else lean, 0, BAND_AT)),
+                end.half.eq(self._at(m, "half_again", half, 1, BAND_AT - 1)),
+                end.normalise.eq(self._at(m, "normalise", held.normalise, 0, BAND_AT)),
+                end.shear.eq(
+                    self._at(m, f"shear_{side}", -shear if mirror else shear, BAND_AT + 1, 1)
+                ),
             ]
         return ends
 
@@ -146,24 +155,24 @@ class Rows(wiring.Component):
         m.d.comb += [write.data[name].eq(outline[name]) for name in names]
         asked, clash = number, Const(0)
         for k in range(1, cycles):
-            asked = self._at(m, f"number_{names[0]}_{k}", asked, 1)
+            asked = self._at(m, f"number_{names[0]}_{k}", asked, k - 1, 1)
             clash |= self.passing[k - 1] & (asked == write.addr)
         holds(m, names[0], ~(write.en & clash), "an outline is lost that is still needed: OUTLINES")
-        m.d.comb += [read.en.eq(1), read.addr.eq(asked)]
+        m.d.comb += [read.en.eq(self._passes(cycles - 1)), read.addr.eq(asked)]
         return read.data
 
     def _columns(self, m: Module, outline: data.View, ends: dict[str, Value]):
         """Convert ends to columns of tiles."""
         since = self.latency - 2  # cycles from a row's start to its ends
         names = ("centre_x", "limit_x", "shift_x", "vast_x", "between")
-        late = {name: self._at(m, name, outline[name], 1) for name in names}
+        late = {name: self._at(m, name, outline[name], since - 1, 1) for name in names}
         one = pixel(late["shift_x"])
         left = late["centre_x"] - ends["left"]
         beyond = (left > late["limit_x"]) & ~late["vast_x"]
-        beyond = self._at(m, "beyond", beyond | late["between"], 1)
-        left = self._at(m, "left", left + one - 1, 1)
-        right = self._at(m, "right", late["centre_x"] + 1 + ends["right"], 1)
-        shift, vast = (self._at(m, name, late[name], 1) for name in ("shift_x", "vast_x"))
+        beyond = self._at(m, "beyond", beyond | late["between"], since, 1)
+        left = self._at(m, "left", left + one - 1, since, 1)
+        right = self._at(m, "right", late["centre_x"] + 1 + ends["right"], since, 1)
+        shift, vast = (self._at(m, name, late[name], since, 1) for name in ("shift_x", "vast_x"))
         bound = Signal(range(-(-self.config.side_max // TILE)))
         m.d.comb += bound.eq((self.width - 1) >> TILE_BITS)
         first, end = left >> shift, right >> shift
@@ -171,10 +180,11 @@ class Rows(wiring.Component):
         none = (first > end) | beyond
         columns = self.queue.i.payload
         found = Signal(columns_layout(self.config), reset_less=True)
-        m.d.sync += [found.begin.eq(Mux(none, 1, first)), found.end.eq(Mux(none, 0, end))]
+        with m.If(self._passes(since + 1)):
+            m.d.sync += [found.begin.eq(Mux(none, 1, first)), found.end.eq(Mux(none, 0, end))]
         m.d.comb += [columns.eq(found)]
         for name in ("row", "last"):
-            m.d.comb += columns[name].eq(self._at(m, name, self.start[name], since + 2))
+            m.d.comb += columns[name].eq(self._at(m, name, self.start[name], 0, since + 2))
         m.d.comb += self.queue.i.valid.eq(self.passing[-1])
         never_waits(m, "queue", self.queue.i, "a row: ROWS_WAITING")
 

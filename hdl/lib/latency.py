@@ -1,4 +1,4 @@
-"""Pipeline registers: their distribution over a path, and one enable for all of them."""
+"""Pipeline registers: their distribution over a path, and their enables."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -44,13 +44,19 @@ def stretches(cuts: Mapping[str, int], chosen: tuple[str, ...]) -> list[int]:
 
 
 class Pipeline:
-    """Adds pipeline registers to a module; all hold their values while `enable` is low.
+    """Adds pipeline registers to a module; they hold their values while their enable is low.
 
     They have no reset: outputs are undefined until the first input has passed.
+
+    enable: for all registers; or one bit per cut, so that registers into which nothing valid moves
+        hold their values, and their clock can be gated
     """
 
     def __init__(self, m: Module, enable: Signal, registers: Registers):
-        self.m, self.enable, self.registers = m, enable, registers
+        self.m, self.registers = m, registers
+        self.enables = dict.fromkeys(registers, enable)
+        if len(enable) > 1:
+            self.enables = dict(zip(registers, enable, strict=True))
 
     def cut(self, name: str, *values: ValueLike) -> tuple:
         """Return `values` behind the registers of a cut; the same values if it has none."""
@@ -60,6 +66,6 @@ class Pipeline:
 
     def _register(self, name: str, value: ValueLike) -> Signal:
         register = Signal(value.shape(), name=name, reset_less=True)
-        with self.m.If(self.enable):
+        with self.m.If(self.enables[name]):
             self.m.d.sync += register.eq(value)
         return register

@@ -3,7 +3,8 @@
 Streams are Amaranth's (`lib.stream`): an item passes in a cycle in which valid and ready are both
 high; a producer that has raised valid holds valid and payload until then. All outputs here keep
 that rule; only `Fork` relies on it at its input. Payload registers are not reset, which saves an
-AND gate per bit.
+AND gate per bit, and load only when something valid moves into them, so that their clock can be
+gated.
 
 In this file a path is a combinational one, from an input to an output in the same cycle.
 """
@@ -60,10 +61,11 @@ class Register(wiring.Component):
         m = Module()
         m.d.comb += [self.i.ready.eq(~self.full), self.o.payload.eq(self.head)]
         with m.If(~self.o.valid | self.o.ready):
-            m.d.sync += self.head.eq(Mux(self.full, self.spare, self.i.payload))
             m.d.sync += [self.o.valid.eq(self.full | self.i.valid), self.full.eq(0)]
-        with m.Elif(~self.full):
-            m.d.sync += [self.spare.eq(self.i.payload), self.full.eq(self.i.valid)]
+            with m.If(self.full | self.i.valid):
+                m.d.sync += self.head.eq(Mux(self.full, self.spare, self.i.payload))
+        with m.Elif(~self.full & self.i.valid):
+            m.d.sync += [self.spare.eq(self.i.payload), self.full.eq(1)]
         return m
 
 
@@ -82,9 +84,8 @@ class Slot(wiring.Component):
         m = Module()
         item, ready = Signal(self.o.payload.shape(), reset_less=True), Signal(init=1)
         m.d.comb += [self.i.ready.eq(ready), self.o.payload.eq(item)]
-        with m.If(ready):
-            m.d.sync += [item.eq(self.i.payload), self.o.valid.eq(self.i.valid)]
-            m.d.sync += ready.eq(~self.i.valid)
+        with m.If(ready & self.i.valid):
+            m.d.sync += [item.eq(self.i.payload), self.o.valid.eq(1), ready.eq(0)]
         with m.Elif(self.o.ready):
             m.d.sync += [self.o.valid.eq(0), ready.eq(1)]
         return m
@@ -104,7 +105,9 @@ class Stage(wiring.Component):
         item = Signal(self.o.payload.shape(), reset_less=True)
         m.d.comb += [self.i.ready.eq(~self.o.valid | self.o.ready), self.o.payload.eq(item)]
         with m.If(self.i.ready):
-            m.d.sync += [item.eq(self.i.payload), self.o.valid.eq(self.i.valid)]
+            m.d.sync += self.o.valid.eq(self.i.valid)
+            with m.If(self.i.valid):
+                m.d.sync += item.eq(self.i.payload)
         return m
 
 
@@ -232,7 +235,7 @@ class Pipe(wiring.Component):
             self.i.ready.eq(pipe.i.ready),
             self.o.valid.eq(pipe.o.valid),
             pipe.o.ready.eq(self.o.ready),
-            datapath.enable.eq(pipe.enable),
+            datapath.enable.eq(pipe.loads),
         ]
 
     **Timing**: latency `latency` enabled cycles, one item per cycle. A path from `o.ready` to
@@ -245,15 +248,20 @@ class Pipe(wiring.Component):
         ports = {
             "i": In(HANDSHAKE),
             "o": Out(HANDSHAKE),
-            "enable": Out(1),  # the datapath's registers load at the end of this cycle
+            "enable": Out(1),  # the items advance at the end of this cycle
             "valid": Out(latency),  # bit k: the registers after k + 1 cycles hold an item
+            "loads": Out(latency),  # bit k: an item enters these registers
         }
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.d.comb += [self.o.valid.eq(self.valid[-1]), self.enable.eq(~self.o.valid | self.o.ready)]
-        m.d.comb += self.i.ready.eq(self.enable)
+        coming = Cat(self.i.valid, self.valid)[: len(self.valid)]
+        m.d.comb += [
+            self.i.ready.eq(self.enable),
+            self.loads.eq(Mux(self.enable, coming, 0)),
+        ]
         with m.If(self.enable):
-            m.d.sync += self.valid.eq(Cat(self.i.valid, self.valid))
+            m.d.sync += self.valid.eq(coming)
         return m

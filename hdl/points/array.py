@@ -37,7 +37,7 @@ class Array(wiring.Component):
 
     **Timing**: one item every `plan.interval` cycles, taken in the last phase of a round; its
     outputs come `plan.length` + 1 cycles later, outputs in `plan.early` sooner. While `o` is not
-    taken all registers hold.
+    taken, or no item is inside, all units hold.
     """
 
     def __init__(
@@ -84,6 +84,7 @@ class Array(wiring.Component):
         self.nothing = Const(1 << (format.width - 1), format.width)
         self.known = {name: self.constants[name] for name in self.program.constants}
         self.enable = Signal() if self.stalls else Const(1)
+        self.active = Cat(inside.valid for inside in self.rounds).any()
         self.last = self.phase[-1]
         self.decoded: dict[tuple[int, ...], Signal] = {}
         self._sequence(m)
@@ -130,7 +131,8 @@ class Array(wiring.Component):
                 if not self.held:
                     before = source
                     source = Signal(before.shape(), name=f"{name}_{number}", reset_less=True)
-                    with m.If(self.enable & self.last):
+                    valid = self.rounds[number - 1].valid if number else self.i.valid
+                    with m.If(self.enable & self.last & valid):
                         m.d.sync += source.eq(before)
                 self.field_at[name, number] = source
 
@@ -160,7 +162,7 @@ class Array(wiring.Component):
             enable = self.enable
             if kind in COMPENSATION_UNITS:  # idle for models without compensation
                 enable = enable & self.constants.antialiased.any()
-            m.d.comb += unit.enable.eq(enable)
+            m.d.comb += unit.enable.eq(enable & self.active)
 
     def _during(self, m: Module, numbers: tuple[int, ...]) -> Value:
         """High in these phases.
@@ -203,7 +205,7 @@ class Array(wiring.Component):
         for key, waits in takes.items():
             sources = {p: self._source(wait.value, wait.begin) for p, wait in waits.items()}
             value, loads = self._select(m, sources), self._during(m, tuple(sorted(waits)))
-            with m.If(self.enable & loads):
+            with m.If(self.enable & self.active & loads):
                 m.d.sync += self.banks[key].eq(value)
 
     def _operands(self, m: Module):

@@ -144,7 +144,7 @@ class Position(wiring.Component):
     def _later(self, m: Module, *values: Value) -> list[Signal]:
         """Values one step of the pipe later."""
         later = [Signal(value.shape(), reset_less=True, name="later") for value in values]
-        with m.If(self.pipe.enable):
+        with m.If(self.pipe.loads.any()):
             m.d.sync += [after.eq(value) for after, value in zip(later, values, strict=True)]
         return later
 
@@ -158,7 +158,7 @@ class Position(wiring.Component):
         [camera] = self._of_axis(axis, *self.frame.camera, widths=(CAMERA.width,))
         [way] = self._later(m, (placed - camera.as_signed())[: AWAY.width].as_signed())
         m.d.comb += [self.convert.i.eq(way), self.convert.scale.eq(self.model.position_exponent)]
-        m.d.comb += self.convert.enable.eq(self.pipe.enable)
+        m.d.comb += self.convert.enable.eq(self.pipe.loads.any())
 
     def _count(self, m: Module):
         """Count coordinates and points of the chunk."""

@@ -1,15 +1,16 @@
-"""Stage 3, sixth step: the lanes that blend a splat into a block, and the memory of pixels."""
+"""Stage 3, sixth step: the lanes that blend a splat into a block, and the memories of pixels."""
 
 from collections.abc import Iterable
+from functools import partial
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory, ReadPort, WritePort
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.hdl.raster.mark import times
+from splatcore.hdl.raster.pixel_words import PixelWords
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.pixel import alpha_code
@@ -43,8 +44,9 @@ class Blend(wiring.Component):
         pixels: pixels per block; fewer are useful for measurements
 
     **Timing**: one block per cycle, the same block again after `BUSY` cycles; each of the 16 lanes
-    has one multiplier, or four (`Config.logic`). The memories have a write port and a read port of
-    a block's pixels each.
+    has one multiplier, or four (`Config.logic`). Each pixel of a block has two memories, one of T
+    and one of its sums, with a write port and a read port each. Sums are read, and both are
+    written, only for pixels that change, or whose block is touched for the first time or output.
     """
 
     BUSY = 4
@@ -86,25 +88,23 @@ class Blend(wiring.Component):
     def elaborate(self, platform) -> Module:
         m = Module()
         self.touched = Signal(self.blocks)
-        pixels = data.ArrayLayout(self.config.transmittance + 1, self.pixels)
-        m.submodules.transmittances = memory = Memory(shape=pixels, depth=self.blocks, init=[])
-        stored, kept = memory.read_port(), memory.write_port()
-        asked = self._look_up(m, stored)
-        read = self._read(m, stored.data, *asked)
+        # On an FPGA lanes have no enables of their own, and pixels share block RAM.
+        self.joint = self.config.logic == "fpga"
+        self.words = partial(PixelWords, blocks=self.blocks, pixels=self.pixels, joint=self.joint)
+        m.submodules.transmittances = words = self.words(self.config.transmittance + 1)
+        asked = self._look_up(m, words.read)
+        read = self._read(m, words.found, *asked)
         product = self._multiply(m, *read)
-        taken = self._subtract(m, kept, *product)
+        taken = self._subtract(m, words.write, *product)
         stages = [asked, read, product, taken]
         parts = self._weight(m, stages)
         on_the_way = (valid & stage.give for valid, stage in stages)
         entered = (valid & stage.blends for valid, stage in (asked, read))
-        m.d.comb += [
-            self.giving.eq(Cat(on_the_way).any()),
-            self.entered.eq(Cat(entered).any()),
-        ]
+        m.d.comb += [self.giving.eq(Cat(on_the_way).any()), self.entered.eq(Cat(entered).any())]
         self._wait(m, asked, read, product)
         self._add(m, stages[-2], stages[-1], parts)
         if self.config.rgba:
-            self._alpha(m, stored.data, stages)
+            self._alpha(m, words.found, stages)
         return m
 
     def _wait(self, m: Module, *stages: tuple):
@@ -126,26 +126,29 @@ class Blend(wiring.Component):
             m.d.comb += self.busy.eq(within(self.block, stages))
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
-        """Registers of a stage, some of them per lane, and their valid bit."""
+        """Registers of a stage, some of them per lane, which the caller loads; their valid bit."""
         shared = {"block": self.number, "colour": self.colour_shape}
         shared |= dict.fromkeys(("untouched", "give", "blends", "rest"), 1)
         lanes = data.ArrayLayout(data.StructLayout(lane), self.pixels)
         stage = Signal(data.StructLayout({"lanes": lanes} | shared), name=name, reset_less=True)
         stage_valid = Signal(name=f"{name}_valid")
         m.d.sync += stage_valid.eq(valid)
-        m.d.sync += [stage[field].eq(getattr(source, field)) for field in shared]
+        with m.If(valid):
+            m.d.sync += [stage[field].eq(getattr(source, field)) for field in shared]
         return stage_valid, stage
 
-    def _look_up(self, m: Module, stored: ReadPort) -> tuple[Signal, data.View]:
-        """Request T."""
+    def _look_up(self, m: Module, words: data.View) -> tuple[Signal, data.View]:
+        """Request T, of all pixels: whether the block has live ones depends on all."""
         fire = self.valid & ~self.busy
-        m.d.comb += [stored.en.eq(fire), stored.addr.eq(self.block)]
+        for read in words:
+            m.d.comb += [read.enable.eq(fire), read.block.eq(self.block)]
         self.untouched = ~self.touched.bit_select(self.block, 1)
         lane = {"log2_alpha": log2_alpha_layout(self.config), "inside": 1}
         valid, asked = self._stage(m, "asked", lane, fire, self)
-        for pixel, lane in enumerate(asked.lanes):
-            m.d.sync += lane.log2_alpha.eq(self.log2_alphas[pixel])
-            m.d.sync += lane.inside.eq(self.inside[pixel])
+        with m.If(fire):
+            for pixel, lane in enumerate(asked.lanes):
+                m.d.sync += lane.log2_alpha.eq(self.log2_alphas[pixel])
+                m.d.sync += lane.inside.eq(self.inside[pixel])
         return valid, asked
 
     def _read(self, m: Module, stored: data.View, valid: Signal, asked: data.View) -> tuple:
@@ -159,13 +162,18 @@ class Blend(wiring.Component):
         table = Array(Const(entry, config.power_mantissa) for entry in power_table(config))
         full, fresh = (1 << config.transmittance) - 1, asked.untouched | asked.give
         for pixel, (lane, to) in enumerate(zip(asked.lanes, read.lanes, strict=True)):
-            m.d.sync += [
-                to.mantissa.eq(table[lane.log2_alpha.step]),
-                to.halvings.eq(lane.log2_alpha.halvings),
-                to.seen.eq(lane.log2_alpha.seen),
-                to.rest.eq(Mux(fresh, full, stored[pixel][: config.transmittance])),
-                to.ended.eq(Mux(fresh, ~lane.inside, stored[pixel][-1])),
-            ]
+            word = stored[pixel]
+            with m.If(valid):
+                m.d.sync += [
+                    to.seen.eq(lane.log2_alpha.seen),
+                    to.rest.eq(Mux(fresh, full, word[: config.transmittance])),
+                    to.ended.eq(Mux(fresh, ~lane.inside, word[-1])),
+                ]
+            with m.If(valid & (lane.log2_alpha.seen | self.joint)):
+                m.d.sync += [
+                    to.mantissa.eq(table[lane.log2_alpha.step]),
+                    to.halvings.eq(lane.log2_alpha.halvings),
+                ]
         return read_valid, read
 
     def _multiply(self, m: Module, valid: Signal, read: data.View) -> tuple:
@@ -175,14 +183,19 @@ class Blend(wiring.Component):
         lane |= {"rest": config.transmittance, "ended": 1, "seen": 1}
         product_valid, product = self._stage(m, "product", lane, valid, read)
         for lane, to in zip(read.lanes, product.lanes, strict=True):
-            m.d.sync += to.product.eq(lane.rest * lane.mantissa)
-            m.d.sync += [to[name].eq(lane[name]) for name in ("rest", "ended", "halvings", "seen")]
+            with m.If(valid):
+                m.d.sync += [to[name].eq(lane[name]) for name in ("rest", "ended", "seen")]
+            with m.If(valid & (lane.seen | self.joint)):
+                m.d.sync += to.product.eq(lane.rest * lane.mantissa)
+                m.d.sync += to.halvings.eq(lane.halvings)
         return product_valid, product
 
-    def _subtract(self, m: Module, kept: WritePort, valid: Signal, before: data.View) -> tuple:
-        """Subtract the splat's share from T, and write T back."""
+    def _subtract(self, m: Module, kept: data.View, valid: Signal, before: data.View) -> tuple:
+        """Subtract the splat's share from T; write T back where it changes."""
         config = self.config
-        taken_valid, stage = self._stage(m, "taken", {"weight": config.weight}, valid, before)
+        lane = {"weight": config.weight, "changes": 1}
+        taken_valid, stage = self._stage(m, "taken", lane, valid, before)
+        blended, fresh = valid & before.blends & ~before.rest, before.untouched | before.give
         coarser, ended = config.transmittance - config.weight, Signal(self.pixels)
         bits, levels = config.transmittance, len(self.level)
         bright = [0] * levels  # per level: pixels whose T is too high for it
@@ -202,14 +215,18 @@ class Blend(wiring.Component):
                 ends.eq(acts & (rest < transmittance_min(config))),
                 ended[pixel].eq(lane.ended | ends),
                 after.eq(Mux(ends, last, Mux(acts, rest[:-1], lane.rest))),
-                kept.data[pixel].eq(Cat(after, ended[pixel])),
+                kept[pixel].enable.eq(blended & (acts | fresh | self.joint)),
+                kept[pixel].block.eq(before.block),
+                kept[pixel].word.eq(Cat(after, ended[pixel])),
             ]
             less = Mux(before.rest, 0, after[coarser:])
-            m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
+            changes = before.blends & (acts | fresh | before.rest | self.joint)
+            with m.If(valid):
+                m.d.sync += to.changes.eq(changes)
+            with m.If(valid & changes):
+                m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
                 bright[k] |= after[bits - config.faint.dark - k :].any() & ~ended[pixel]
-        blended = valid & before.blends & ~before.rest
-        m.d.comb += [kept.en.eq(blended), kept.addr.eq(before.block)]
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]
         m.d.comb += [self.ended.eq(ended.all()), self.level.eq(~Cat(bright))]
         return taken_valid, stage
@@ -221,7 +238,7 @@ class Blend(wiring.Component):
         computed once for all lanes), followed by registers, which are one more of `stages`; or it
         is a multiplier (`Config.logic`).
         """
-        (_, product), taken = stages[-2:]
+        (product_valid, product), taken = stages[-2:]
         config = self.config
         gates = config.logic == "gates"
         below = config.weight + config.colour_fraction - config.sum_fraction
@@ -230,7 +247,8 @@ class Blend(wiring.Component):
             colour = taken[1].colour[name]
             if gates:
                 triple = Signal(len(colour) + 2, name=f"triple_{name}", reset_less=True)
-                m.d.sync += triple.eq(times(product.colour[name], 3))
+                with m.If(product_valid):
+                    m.d.sync += triple.eq(times(product.colour[name], 3))
                 multiples = Array([Const(0), colour, colour << 1, triple])
                 digits = range(0, config.weight, 2)
                 weighted = [
@@ -243,10 +261,14 @@ class Blend(wiring.Component):
         if not gates:
             return list(zip(*channels, strict=True))
         lane = {name: config.weight + len(taken[1].colour[name]) - below for name in COLOURS}
-        valid, stage = self._stage(m, "weighted", lane, *taken)
+        valid, stage = self._stage(m, "weighted", lane | {"changes": 1}, *taken)
         stages.append((valid, stage))
-        for name, parts in zip(COLOURS, channels, strict=True):
-            m.d.sync += [to[name].eq(part) for to, part in zip(stage.lanes, parts, strict=True)]
+        parts = list(zip(*channels, strict=True))
+        for before, to, part in zip(taken[1].lanes, stage.lanes, parts, strict=True):
+            with m.If(taken[0]):
+                m.d.sync += to.changes.eq(before.changes)
+            with m.If(taken[0] & before.changes):
+                m.d.sync += [to[name].eq(value) for name, value in zip(COLOURS, part, strict=True)]
         return [[lane[name] for name in COLOURS] for lane in stage.lanes]
 
     def _add(self, m: Module, before: tuple, stage: tuple, parts: list):
@@ -259,22 +281,21 @@ class Blend(wiring.Component):
         config = self.config
         (entering, next_), (valid, taken) = before, stage
         pixel_sums = data.ArrayLayout(SUM_INTEGER + config.sum_fraction, len(COLOURS))
-        pixels = data.ArrayLayout(pixel_sums, self.pixels)
-        m.submodules.sums = memory = Memory(shape=pixels, depth=self.blocks, init=[])
-        sums, write = memory.read_port(), memory.write_port()
-        m.d.comb += [
-            sums.en.eq(entering),
-            sums.addr.eq(next_.block),
-            write.en.eq(valid & taken.blends),
-            write.addr.eq(taken.block),
-            self.given.eq(valid & taken.give),
-            self.given_block.eq(taken.block),
-        ]
+        m.submodules.sums = sums = self.words(pixel_sums)
+        for pixel, (read, write) in enumerate(zip(sums.read, sums.write, strict=True)):
+            changes = Const(1) if self.joint else next_.lanes[pixel].changes
+            m.d.comb += [
+                read.enable.eq(entering & ~next_.untouched & (next_.give | changes)),
+                read.block.eq(next_.block),
+                write.enable.eq(valid & taken.lanes[pixel].changes),
+                write.block.eq(taken.block),
+            ]
+        m.d.comb += [self.given.eq(valid & taken.give), self.given_block.eq(taken.block)]
         fresh = taken.untouched | taken.give
         for channel in range(len(COLOURS)):
             for pixel in range(self.pixels):
-                stored, part = sums.data[pixel][channel], parts[pixel][channel]
-                m.d.comb += write.data[pixel][channel].eq(Mux(fresh, 0, stored) + part)
+                stored, part = sums.found[pixel][channel], parts[pixel][channel]
+                m.d.comb += sums.write[pixel].word[channel].eq(Mux(fresh, 0, stored) + part)
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 byte = Mux(byte[8:].any(), 255, byte[:8])
                 m.d.comb += self.o[pixel][channel].eq(Mux(taken.untouched, 0, byte))

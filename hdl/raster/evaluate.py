@@ -46,7 +46,7 @@ class Evaluate(wiring.Component):
         ports = {
             "quadratic": In(layout(quadratic_record(config))),  # E around the tile
             "number": In(len(self.blocks)),  # one-hot, which of the rasterizer's blocks of a tile
-            "enable": In(1),  # the pipeline advances
+            "enable": In(self.LATENCY),  # bit k: a block enters the registers of the k-th cut
             # of the pixels row by row, `LATENCY` enabled cycles later
             "log2_alphas": Out(data.ArrayLayout(log2_alpha_layout(config), pixels)),
         }

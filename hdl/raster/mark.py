@@ -58,7 +58,7 @@ class Mark(wiring.Component):
         self.config = config
         ports = {
             "i": In(layout(around_record(config))),
-            "enable": In(1),  # the pipeline advances
+            "enable": In(self.LATENCY),  # bit k: an item enters the registers of the k-th cut
             # with the tile's blocks by level, `LATENCY` enabled cycles later
             "o": Out(layout(marked_record(config, Array(Bits(BLOCKS**2), len(mark_min(config)))))),
         }

@@ -72,7 +72,7 @@ class Prepare(wiring.Component):
         m.submodules.pipe = pipe = Pipe(len(CUTS))
         m.d.comb += [pipe.i.valid.eq(self.i.valid), self.i.ready.eq(pipe.i.ready)]
         m.d.comb += [self.o.valid.eq(pipe.o.valid), pipe.o.ready.eq(self.o.ready)]
-        self.pipeline = Pipeline(m, pipe.enable, dict.fromkeys(CUTS, 1))
+        self.pipeline = Pipeline(m, pipe.loads, dict.fromkeys(CUTS, 1))
         values = self._cut("parts", self._parts())
         values = self._cut("shifted", self._shifted(values))
         values["mixed"] = (values["across"] * values["slope"]) >> raster.mixed_shift(self.config)

@@ -159,8 +159,8 @@ class Raster(wiring.Component):
             self.expand.o.ready.eq(pipe.i.ready),
             setup.i.eq(self.expand.o.payload),
             mark.i.eq(setup.o),
-            setup.enable.eq(pipe.enable),
-            mark.enable.eq(pipe.enable),
+            setup.enable.eq(pipe.loads[: Setup.LATENCY]),
+            mark.enable.eq(pipe.loads[Setup.LATENCY :]),
         ]
         m.submodules.marked = register = Register(mark.o.shape())
         m.d.comb += [

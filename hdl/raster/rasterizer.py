@@ -208,13 +208,16 @@ class Rasterizer(wiring.Component):
         """From E around a tile to the lanes, and from these to the finished blocks."""
         pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
         cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
-        pipeline = Pipeline(m, self.moves, dict.fromkeys(cuts, 1))
+        enters, inside = Signal(STAGES), self.visiting | self.giving | self.resting
+        issued = self.visits | self.gives | self.rests
+        m.d.comb += enters.eq(Mux(self.moves, Cat(issued, inside), 0))
+        pipeline = Pipeline(m, enters, dict.fromkeys(cuts, 1))
         quadratic, stale, chosen, *rest = pipeline.cut(
             "issued", pair.quadratic, self.stale[pair.tile], self.chosen, self.tile,
             *(pair[name] for name in raster.COLOURS),
         )  # fmt: skip
         m.d.comb += [evaluate.quadratic.eq(quadratic), evaluate.number.eq(chosen)]
-        m.d.comb += evaluate.enable.eq(self.moves)
+        m.d.comb += evaluate.enable.eq(Mux(self.moves, self.visiting, 0)[: evaluate.LATENCY])
         given, later = Signal(), Signal(STAGES - 1)
         gives = given | (self.visiting[0] & (stale & chosen).any())
         for cut in cuts[1:]:

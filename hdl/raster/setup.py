@@ -53,7 +53,7 @@ class Setup(wiring.Component):
         self.config = config
         ports = {
             "i": In(layout(pair_record(config))),
-            "enable": In(1),  # the pipeline advances
+            "enable": In(self.LATENCY),  # bit k: an item enters the registers of the k-th cut
             "o": Out(layout(around_record(config))),  # `LATENCY` enabled cycles later
         }
         super().__init__(ports)

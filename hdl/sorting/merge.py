@@ -5,7 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
-from splatcore.hdl.sorting.runs import slot_layout
+from splatcore.hdl.sorting.runs import slot_layout, word_read
 from splatcore.hdl.sorting.subsort import lowest
 from splatcore.spec.config import Config
 from splatcore.spec.group import key_format
@@ -39,8 +39,8 @@ class Merge(wiring.Component):
             "runs": In(self.ways),  # one bit per way: it has a run, which is not empty
             # number of entries written, per run
             "written": In(data.ArrayLayout(self.counter, self.ways)),
-            "head": Out(slot_layout(config)),  # address of an entry to be read
-            # the entry at the address of the previous cycle
+            "head": Out(word_read(config)),  # an entry to be read
+            # the entry that was to be read in the previous cycle
             "found": In(layout(ranked_record(config))),
             "room": In(1),  # the next entry may be output
             # {valid, key, slot}, the next entry for one cycle: its key, and the slot of its value
@@ -113,9 +113,10 @@ class Merge(wiring.Component):
         m.d.comb += able.eq(self.live & ~self.ended & ~fetching & ~self.waits & left)
         m.d.comb += [headless.eq(able & ~self.present), asked.eq(first)]
         m.d.sync += fetching.eq(Mux(self.stop, 0, asked))
+        m.d.comb += self.head.valid.eq(able.any())
         for way, pointer in enumerate(read):
             with m.If(asked[way]):
-                m.d.comb += [self.head.way.eq(way), self.head.index.eq(pointer)]
+                m.d.comb += [self.head.slot.way.eq(way), self.head.slot.index.eq(pointer)]
                 m.d.sync += pointer.eq(pointer + 1)
             with m.If(self.begin):
                 m.d.sync += pointer.eq(0)

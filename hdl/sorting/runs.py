@@ -25,6 +25,11 @@ def slot_layout(config: Config) -> data.StructLayout:
     return data.StructLayout({"index": index_bits(config), "way": range(config.merge_ways)})
 
 
+def word_read(config: Config) -> data.StructLayout:
+    """A word of a half's memory that is read if `valid`."""
+    return data.StructLayout({"valid": 1, "slot": slot_layout(config)})
+
+
 def arrived(config: Config) -> data.StructLayout:
     """The value of an entry, written to the slot in which it arrived."""
     return data.StructLayout(
@@ -53,10 +58,11 @@ class Half(wiring.Component):
             "clear": In(1),  # all runs become empty
             # number of entries written, per run
             "written": Out(data.ArrayLayout(self.counter, config.merge_ways)),
-            "head": In(slot_layout(config)),  # words to be read
-            "value": In(slot_layout(config)),  # words to be read
-            "head_found": Out(layout(ranked_record(config))),  # the word at `head` a cycle later
-            "value_found": Out(layout(value_record(config))),  # the word at `value` a cycle later
+            "head": In(word_read(config)),  # a word to be read
+            "value": In(word_read(config)),  # a word to be read
+            # the words read last, from a cycle later on
+            "head_found": Out(layout(ranked_record(config))),
+            "value_found": Out(layout(value_record(config))),
         }
         super().__init__(ports)
 
@@ -72,7 +78,7 @@ class Half(wiring.Component):
             (values, self.value, self.value_found),
         ):
             read = memory.read_port()
-            m.d.comb += [read.en.eq(1), read.addr.eq(asked), found.eq(read.data)]
+            m.d.comb += [read.en.eq(asked.valid), read.addr.eq(asked.slot), found.eq(read.data)]
 
         way, end = self.ranked.way, Signal(self.counter)
         m.d.comb += [

@@ -78,7 +78,8 @@ class Sort(wiring.Component):
                 half.arrived.eq(runs.arrived[k]),
                 half.ranked.eq(runs.ranked[k]),
                 half.clear.eq(over),
-                half.head.eq(merge.head),
+                half.head.valid.eq(merge.head.valid & (self.half == k)),
+                half.head.slot.eq(merge.head.slot),
                 runs.release[k].eq(over),
             ]
         first, second = self.halves
@@ -92,17 +93,18 @@ class Sort(wiring.Component):
         """Look up the values of the entries that leave the merge, one cycle after the other."""
         merge, given = self.merge, self.given.i.payload
         slot = Signal(slot_layout(self.config))
-        first, second = self.halves
         m.d.sync += [self.looking.eq(merge.o.valid), self.found.eq(self.looking)]
         with m.If(merge.o.valid):
             m.d.sync += slot.eq(merge.o.slot)
         m.d.comb += [
             merge.room.eq(self.given.level + self.found < OUT_WAITING),
-            first.value.eq(slot),
-            second.value.eq(slot),
             self.given.i.valid.eq(self.found | self.ends),
         ]
         for k, half in enumerate(self.halves):
+            m.d.comb += [
+                half.value.valid.eq(self.looking & (self.half == k)),
+                half.value.slot.eq(slot),
+            ]
             with m.If((self.half == k) & ~self.ends):
                 m.d.comb += given.splat.eq(half.value_found.splat)
                 m.d.comb += given.mask.eq(half.value_found.mask)

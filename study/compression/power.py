@@ -10,6 +10,7 @@ from splatcore.eda.cells.liberty import Library
 from splatcore.eda.paper import FPS
 from splatcore.eda.power.activity import counts_of
 from splatcore.eda.power.cells import machine_gates
+from splatcore.eda.power.clocks import clocked
 from splatcore.eda.power.estimate import Estimate, estimate
 from splatcore.model.compress.checkpoint import Step
 from splatcore.model.formats.photographs import Target
@@ -49,12 +50,13 @@ def rows_of(run: Run, view: Target, cells: tuple[Library, float] | None) -> Iter
         model = as_read(run.checkpoints.load(step), config)
         label = f"{run.subject.name}: power of {step.name}"
         counts = counts_of(config, Job(model, view.camera), None, label)
-        found = estimate(counts, plain, config.energy)
+        clocks = clocked(config, counts.registers)
+        found = estimate(counts, plain, clocks, config.energy)
         fps = min(FPS, found.fps_max)
         row = about(step, model) | {"cycles": found.cycles, "fps_at_800mhz": found.fps_max}
         row |= {"fps": fps, "traffic_bytes": sum(counts.traffic.values())} | watts(found, fps)
         if mapped:
-            row["cells_w"] = estimate(counts, mapped, config.energy).power(fps)
+            row["cells_w"] = estimate(counts, mapped, clocks, config.energy).power(fps)
         yield row
 
 

@@ -27,6 +27,7 @@ class Gates:
     )
     speed_depth: float = item("the same, mapped for speed", "gates", 0, title="depth", none="")
     flip_flops: int = item(FLIP_FLOPS)
+    clock_gates: int = item("of its flip-flops, included in its size", kept=False, maybe=True)
     flip_flops_before: int = item("before optimisation", kept=False, maybe=True)
     memories: list = item("words and bits of each", kept=False)
 
@@ -133,6 +134,7 @@ class Logic:
     activity: float = item("changes of a net's bit in a cycle", "%", 2, none="", per=0.01)
     switching: float = item("J of a frame")
     clock: float = item("J of a frame")
+    clock_always: float = item("J of a frame without clock gates", kept=False, maybe=True)
     leakage: float = item("W")
 
 
@@ -187,3 +189,8 @@ class Power:
     )
     stage_memories: dict[str, Storage] = table("by name", "memories", "stage")
     memories: dict = more("by path as `stage_memories`")
+    costs: list = item(
+        "with `--toggles`: `name`, `part`, `bits` of the registers and memories that take the most "
+        "power; `uses`, the share of cycles in which a register loads, or accesses per cycle; "
+        "`power` in W", kept=False, maybe=True,
+    )  # fmt: skip

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from splatcore.eda.gates.machine_gates import part_around
-from splatcore.eda.power import activity, cells
-from splatcore.eda.power.activity import Accesses, Activity, counts_of, read_counts
+from splatcore.eda.power import activity, cells, clocks
+from splatcore.eda.power.activity import Accesses, Activity, Register, counts_of, read_counts
 from splatcore.eda.power.estimate import CLOCK_HZ, estimate, gates_of
 from splatcore.eda.power.saif import Net, duration, nets
 from splatcore.eda.power.tables import lines, report, table
@@ -23,7 +23,7 @@ from splatcore.spec.error import InputError
 from splatcore.spec.stages import OF_POINTS
 from tb.helpers.command import check_documented, run
 from tb.helpers.machines import garden, view
-from tb.helpers.power import COUNTS, GATES, SIZES, UNIT
+from tb.helpers.power import CLOCKS, COUNTS, GATES, SIZES, UNIT
 
 HERE = Path(__file__).parent
 
@@ -61,8 +61,8 @@ def test_nets_of_a_file(saif):
     assert [net.name for net in found[1:5]] == ["wide[0]", "wide[1]", "$5", "valid"]
     assert found[3] == Net(("TOP", "top", "axi$3", "ar"), "$5", 50, 50, 7)
     assert found[4].path == ("TOP", "top", "axi$3")
-    assert found[5].path == ("TOP", "top", *STORAGE.split("."), "macro")
-    assert len(found) == 8
+    assert found[6].path == ("TOP", "top", *STORAGE.split("."), "macro")
+    assert len(found) == 9
 
 
 @pytest.mark.parametrize("cut, why", [("(DURATION 100)", "DURATION"), (" )\n)\n", "ends within")])
@@ -75,8 +75,9 @@ def test_broken_file(saif, cut, why):
 
 
 def test_counts_of_a_file(saif):
-    parts, memories = read_counts(saif, {STORAGE: (32, 8)}, 0.5)
+    parts, registers, memories = read_counts(saif, {STORAGE: (32, 8)}, 0.5)
     assert parts == {"axi": Activity(2, 5.5, 0), "top, the rest": Activity(2, 4.0, 1)}
+    assert registers == {"axi.valid": Register("axi", 1, [0.2], 2.0)}
     assert memories == [Accesses(STORAGE, "features", 32, 8, 1.5, 12.5)]
     with pytest.raises(ValueError, match="other memories"):
         read_counts(saif, {}, 1.0)
@@ -99,15 +100,17 @@ def test_energies():
 
 
 def test_estimate():
-    """A frame of 1000 cycles in fJ: 10 per gate and change of a bit, 3 per flip-flop and cycle."""
-    found = estimate(COUNTS, GATES, UNIT)
+    """A frame of 1000 cycles in fJ: 10 per gate and change of a bit, 3 per flip-flop that is
+    clocked, or clock gate, and cycle."""
+    found = estimate(COUNTS, GATES, CLOCKS, UNIT)
     axi, cull = found.logic["axi"], found.logic["cull"]
     assert isclose(axi.activity, 0.004) and isclose(cull.activity, 0.005)
-    assert isclose(axi.switching, 4 * 1000 * 10e-15) and isclose(axi.clock, 1000 * 70 * 3e-15)
+    assert isclose(axi.switching, 4 * 1000 * 10e-15) and isclose(axi.clock, 1000 * (35 + 2) * 3e-15)
+    assert isclose(axi.clock_always, 1000 * 70 * 3e-15)
     assert isclose(cull.switching, 5 * 500 * 10e-15) and isclose(cull.clock, 1000 * 20 * 3e-15)
     memory = found.memories["a.b", "stage 0"]
     assert memory.kilobits == 4 and isclose(memory.access, 50 * 2000e-15)
-    frame = (40_000 + 210_000 + 25_000 + 60_000 + 100_000) * 1e-15
+    frame = (40_000 + 111_000 + 25_000 + 60_000 + 100_000) * 1e-15
     assert isclose(found.frame, frame)
     leakage = (1500 * 4.0 + 4096 * 0.5) * 1e-9
     assert isclose(found.leakage, leakage)
@@ -120,11 +123,11 @@ def test_estimate():
     for name, part in gates_of(SIZES, UNIT).items():
         assert part == pytest.approx(GATES[name])
     with pytest.raises(ValueError, match="only sizes or counts"):
-        estimate(COUNTS, {"axi": GATES["axi"]}, UNIT)
+        estimate(COUNTS, {"axi": GATES["axi"]}, CLOCKS, UNIT)
 
 
 def test_report():
-    found = estimate(COUNTS, GATES, UNIT)
+    found = estimate(COUNTS, GATES, CLOCKS, UNIT)
     facts = json.loads(json.dumps(report(found, COUNTS, UNIT, 100.0)))
     assert facts["constants"]["supply"] == 2.0 and facts["parts"]["axi"]["still"] == 20
     assert isclose(facts["power_w"], found.power(100.0))
@@ -154,15 +157,20 @@ def test_command(monkeypatch, tmp_path, capsys):
     """The whole command, with given counts and sizes instead of simulation and synthesis."""
     monkeypatch.setattr(activity, "counts_of", lambda *args: COUNTS)
     monkeypatch.setattr(cells, "netlist", lambda config: None)
+    monkeypatch.setattr(clocks, "clocked", lambda *args: CLOCKS)
     monkeypatch.setattr(cells, "sizes", lambda *args: SIZES)
     out, asked = tmp_path / "p.json", ("power", "needles", "--size", "16x16", "--preset", "tiny")
     assert run(*asked, "--fps", "50", "--json", str(out)) == 0
     assert "ESTIMATE, first order: needles 16x16, preset TINY, 50.0" in capsys.readouterr().out
     facts = json.loads(out.read_text())
-    expected = estimate(COUNTS, gates_of(SIZES, TINY.energy), TINY.energy)
+    expected = estimate(COUNTS, gates_of(SIZES, TINY.energy), CLOCKS, TINY.energy)
     assert facts["power_w"] == expected.power(50.0) and facts["size"] == [16, 16]
     assert run(*asked) == 0
     assert "800000.0 frames per second" in capsys.readouterr().out
+    assert run(*asked, "--toggles", "--json", str(out)) == 0
+    assert [row["name"] for row in json.loads(out.read_text())["costs"]] == [
+        "a.b", "axi.full", "axi.kept"
+    ]  # fmt: skip
     for options, why in (
         (("--fps", "800001"), "--fps 800001: is above 800000.0"),
         (("--fps", "0"), "--fps 0: must be above 0"),
@@ -181,6 +189,7 @@ def test_command_in_cells(monkeypatch, liberty_path, tmp_path, capsys):
     silicon = SimpleNamespace(wired=None)
     monkeypatch.setattr(activity, "counts_of", lambda *args: COUNTS)
     monkeypatch.setattr(cells, "netlist", lambda config: None)
+    monkeypatch.setattr(clocks, "clocked", lambda *args: CLOCKS)
     monkeypatch.setattr(cells, "machine_silicon", lambda *args: (None, silicon))
     monkeypatch.setattr(cells, "gates_in_cells", lambda *args: GATES)
     out, asked = tmp_path / "p.json", ("power", "needles", "--size", "16x16", "--preset", "tiny")
@@ -188,7 +197,7 @@ def test_command_in_cells(monkeypatch, liberty_path, tmp_path, capsys):
     assert run(*asked, "--fps", "50", "--json", str(out), *library) == 0
     assert "In cells of small, scaled from 130 nm, 0.9 V" in capsys.readouterr().out
     facts = json.loads(out.read_text())
-    assert facts["power_w"] == estimate(COUNTS, GATES, TINY.energy).power(50.0)
+    assert facts["power_w"] == estimate(COUNTS, GATES, CLOCKS, TINY.energy).power(50.0)
     assert facts["liberty"]["scale"] == TINY.energy.scale(130, 0.9)
     check_documented("`splatcore power`", list(facts["liberty"]))
 
@@ -243,7 +252,7 @@ def test_nothing_started(tmp_path):
     (tmp_path / "memory").write_bytes(bytes(1 << 12))
     execute(machine.program, tmp_path, script, NO_REGIONS, IDEAL, settings=activity.settings(1))
     sizes = activity.memory_sizes(activity.machine_source(SMALL))
-    parts, memories = read_counts(tmp_path / "waves.saif", sizes, 1.0)
+    parts, _, memories = read_counts(tmp_path / "waves.saif", sizes, 1.0)
     for name, found in parts.items():
         most = SEQUENCED if name in (*OF_POINTS, *ALSO_SEQUENCED) else STILL
         assert found.changes / found.bits / IDLE < most, name

@@ -97,9 +97,9 @@ class Merged(wiring.Component):
 
     def _answer(self, m: Module, part: Merge, keys, indices, lasts, written):
         """Answer each read one cycle later, with noise if the entry is not yet written."""
-        rank = part.head.index
+        rank = part.head.slot.index
         for k in range(WAYS):
-            with m.If(part.head.way == k):
+            with m.If(part.head.slot.way == k):
                 key = Cat(keys[k][rank], Const(0, SMALL.sort_key_bits - KEY_BITS))
                 found = Cat(key, indices[k][rank], rank == lasts[k])
                 there = rank < written[k]

@@ -44,9 +44,10 @@ class Piped(wiring.Component):
             pipe.o.ready.eq(self.o.ready),
             self.o.payload.eq(self.data[-1]),
         ]
-        with m.If(pipe.enable):
-            for before, after in zip([self.i.payload, *self.data], self.data, strict=False):
-                m.d.sync += after.eq(before)
+        before = [self.i.payload, *self.data]
+        for loads, value, after in zip(pipe.loads, before, self.data, strict=False):
+            with m.If(loads):
+                m.d.sync += after.eq(value)
         return m
 
 
@@ -71,7 +72,7 @@ class Handshake(wiring.Component):
             self.o.valid.eq(pipe.o.valid),
             pipe.o.ready.eq(self.o.ready),
             inner.i.eq(self.i.payload),
-            inner.enable.eq(pipe.enable),
+            inner.enable.eq(pipe.loads),
             self.o.payload.eq(inner.o),
         ]
         return m

@@ -24,7 +24,7 @@ from splatcore.study.compression.bench import SCHEDULES, equal_rates, left
 from splatcore.study.compression.subjects import Protocol
 from tb.helpers.command import check_documented
 from tb.helpers.compression_stand_in import bench, held_out, scenes, small
-from tb.helpers.power import COUNTS, GATES, SIZES
+from tb.helpers.power import CLOCKS, COUNTS, GATES, SIZES
 
 pytestmark = pytest.mark.compress
 
@@ -216,6 +216,7 @@ def test_power(fake, tmp_path, monkeypatch, liberty_path, capsys):
 
     monkeypatch.setattr(power, "counts_of", counts)
     monkeypatch.setattr(power, "machine_gates", gates)
+    monkeypatch.setattr(power, "clocked", lambda config, registers: CLOCKS)
     asked = "a.ply", "--part", "power", "--steps", "5"
     assert bench(*asked, "--liberty", str(liberty_path), "--process", "130") == 0
     found, energy = scenes()["a.ply"]["power"], DEFAULT.energy
@@ -223,11 +224,13 @@ def test_power(fake, tmp_path, monkeypatch, liberty_path, capsys):
     assert [row["step"] for row in found["rows"]][::6] == ["original", "quantize"]
     for row, (model, camera) in zip(found["rows"], seen, strict=True):
         counted = replace(COUNTS, cycles=1000 * row["gaussians"])
-        plain = estimate(counted, gates_of(SIZES, energy), energy)
+        plain = estimate(counted, gates_of(SIZES, energy), CLOCKS, energy)
         fps = min(129, plain.fps_max)
         assert repr(camera) == repr(held_out()[0]) and row["fps"] == fps
         assert row["power_w"] == plain.power(fps) == pytest.approx(row["frame_j"] * fps)
-        assert row["cells_w"] == estimate(counted, GATES, energy).power(fps) != row["power_w"]
+        assert (
+            row["cells_w"] == estimate(counted, GATES, CLOCKS, energy).power(fps) != row["power_w"]
+        )
         assert row["traffic_bytes"] == sum(COUNTS.traffic.values())
         assert (row["gaussians"], row["bytes"]) == (len(model), len(model.image))
     first, second, *_, last = seen
