@@ -8,6 +8,7 @@ accesses. The program writes `report` and prints its progress.
 from pathlib import Path
 
 from splatcore.sim.rtl.build import FAST, build
+from splatcore.sim.rtl.merge import merged
 from splatcore.spec.axi import BOUNDARY, ID_BITS, port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import INTERRUPT_ERROR, INTERRUPT_FRAME
@@ -31,6 +32,11 @@ constexpr uint32_t ID_BITS = {ID_BITS};
 """
 
 
+OUTLINED = "--inline-mult", "2000"
+"""Verilator's arguments for large modules that are not copied into each place of their use: DEFAULT
+runs 1.07 times as fast, as all rasterizers execute the same code."""
+
+
 def compiled(
     config: Config, source: str, trace: str = "", toggles: bool = False, level: str = FAST
 ) -> Path:
@@ -43,10 +49,11 @@ def compiled(
     more = (f"--trace-{trace}", "--no-trace-params") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
+    more += OUTLINED
     beat, waves = port_bytes(config), int(bool(trace) and not toggles)
     settings = CONFIG.format(
         waves=waves, fst=int(trace == "fst"), toggles=int(toggles), beat=beat,
         beat_bits=beat.bit_length() - 1,
     )  # fmt: skip
     main, made = FOLDER / "program.cpp", {"config.hpp": settings}
-    return build(source, main, made, FOLDER.glob("*.hpp"), more, level)
+    return build(merged(source), main, made, FOLDER.glob("*.hpp"), more, level)

@@ -3,10 +3,11 @@
 import gc
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from importlib.metadata import version
 
 from amaranth.back import verilog
+from amaranth.hdl._ir import NetlistEmitter
 from amaranth.lib import wiring
 
 from splatcore.sim.common.cache import kept_json
@@ -41,18 +42,38 @@ def collecting_rarely() -> Iterator[None]:
         gc.set_threshold(*before)
 
 
+@contextmanager
+def sharing() -> Iterator[None]:
+    """Emit an operator once for each module and inputs: Amaranth emits one for each Python object,
+    and nearly two thirds of them compute what another one does."""
+    emit = NetlistEmitter.emit_operator
+
+    def emit_once(self, module_idx: int, operator: str, *inputs, src_loc):
+        known, key = vars(self).setdefault("known", {}), (module_idx, operator, inputs)
+        if key not in known:
+            known[key] = emit(self, module_idx, operator, *inputs, src_loc=src_loc)
+        return known[key]
+
+    NetlistEmitter.emit_operator = emit_once
+    try:
+        yield
+    finally:
+        NetlistEmitter.emit_operator = emit
+
+
 def converted(
     component: wiring.Component, name: str = "top", platform: object = None, emit_src: bool = False
 ) -> str:
     """Convert a component and its submodules to Verilog, the module `name` first.
 
+    platform: of Amaranth; with one, no operator is shared, as power is a mean over all of them
     emit_src: whether to add attributes that name lines of Python
 
     An `always @*` block runs when one of its inputs changes. If they all keep their initial values,
     an event-driven simulator would never run the block as Amaranth writes it, and its outputs would
     stay unknown. So each block also reads a register that changes at time 0.
     """
-    with collecting_rarely():
+    with collecting_rarely(), sharing() if platform is None else nullcontext():
         text = verilog.convert(component, name, platform, emit_src=emit_src)
     return MODULE.sub(lambda found: _woken(found[0]), text)
 

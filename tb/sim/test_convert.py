@@ -1,15 +1,17 @@
-"""Converted Verilog has the right values from time 0 on, as Verilog and as SystemVerilog."""
+"""Converted Verilog has the right values from time 0 on, and nothing twice."""
 
 import gc
+import re
 import subprocess
 
 import pytest
-from amaranth.hdl import Const, Module, Signal
+from amaranth.hdl import Const, Elaboratable, Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.eda.deliver.names import readable
 from splatcore.sim.rtl.convert import converted
+from splatcore.sim.rtl.merge import merged
 from tb.helpers.front_ends import read_slang
 from tb.helpers.runs import needs_icarus
 
@@ -65,3 +67,46 @@ def test_garbage_collection_is_restored():
     before = gc.get_threshold()
     converted(Still())
     assert gc.get_threshold() == before
+
+
+class Next(Elaboratable):
+    """A value plus a step."""
+
+    def __init__(self, value: Value, step: int):
+        self.value, self.step = value, step
+        self.o, _ = Signal(9), None  # without a name
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.d.comb += self.o.eq(self.value + self.step)
+        return m
+
+
+class Twins(wiring.Component):
+    """Three submodules, of which the first two are equal, and the same product in each output."""
+
+    a: In(4)
+    b: In(4)
+    o: Out(9).array(3)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        for k, step in enumerate((1, 1, 2)):
+            m.submodules[f"part{k}"] = part = Next(self.a, step)
+            m.d.comb += self.o[k].eq(part.o ^ (self.a * self.b))
+        return m
+
+
+def test_equal_operators_are_emitted_once():
+    text = converted(Twins())
+    assert text.count("a * b") == 1
+
+
+def test_equal_modules_are_merged():
+    """Each instance is connected to the ports of the module that stands for its own."""
+    text = merged(converted(Twins()))
+    assert re.findall(r"^module (\\\S+|\w+)", text, re.M) == [r"\top.part0", r"\top.part2", "top"]
+    parts = re.findall(r"^  (\\top\S+)  \w+ \(\n    \.a\(a\),\n    \.(\S+) \((\S+) \)", text, re.M)
+    names, ports, signals = zip(*parts, strict=True)
+    assert names == (r"\top.part0", r"\top.part0", r"\top.part2")
+    assert set(ports) == {r"\port$0"} and len(set(signals)) == 3
