@@ -211,7 +211,7 @@ def _blend_block(around, colour, pixels, machine, work):
             if exponent >= machine.lowest:
                 visited = True
                 if pixel.live:
-                    did = _blend(pixel, min(exponent, -1), colour, machine)
+                    did = blend_pixel(pixel, min(exponent, -1), colour, machine)
                     contributing |= did != FAINT
                     work.contributions += did == BLENDED
                     ended += not pixel.live
@@ -225,7 +225,7 @@ def _blend_block(around, colour, pixels, machine, work):
 
 
 @njit(cache=True)
-def _blend(pixel, exponent, colour, machine):
+def blend_pixel(pixel, exponent, colour, machine):
     """Blend a splat with log2(alpha) < 0 into a pixel, or end it; return the outcome."""
     exponent >>= machine.finer
     halvings = -1 - (exponent >> machine.steps)

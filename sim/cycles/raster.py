@@ -16,6 +16,7 @@ from splatcore.hdl.raster.features import FEATURES_WAITING
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING
 from splatcore.hdl.raster.setup import Setup
+from splatcore.sim.cycles.quads import quads_cycles
 from splatcore.spec.config import Config
 from splatcore.spec.raster import BLOCKS, block_count, nth_block, owned, owner
 
@@ -133,6 +134,8 @@ def raster_cycles(config: Config, frame: Frame) -> int:
 
     Groups without a splat bypass it.
     """
+    if config.lanes == "quads":
+        return quads_cycles(config, frame)
     stage = Raster(config, frame)
     for count in np.diff(frame.start):
         if count:
