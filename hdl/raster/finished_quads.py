@@ -9,7 +9,8 @@ from splatcore.hdl.lib.holds import holds
 from splatcore.hdl.lib.record import layout
 from splatcore.hdl.raster.finished import nth
 from splatcore.spec.config import Config
-from splatcore.spec.raster import QUADS, block_count, pixels_record, quad_pixels
+from splatcore.spec.quads import QUADS, quad_pixels
+from splatcore.spec.raster import block_count, pixels_record
 from splatcore.spec.work import pixel_bytes
 
 

@@ -11,7 +11,8 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.hdl.raster.finished_quads import quad_layout
 from splatcore.spec.config import Config
-from splatcore.spec.raster import QUADS, block_count, colours, ended_level, quad_pixels
+from splatcore.spec.quads import QUADS, ended_level, quad_pixels
+from splatcore.spec.raster import block_count, colours
 from splatcore.spec.record import Record
 
 SHARE = 2  # rasterizers that share lanes

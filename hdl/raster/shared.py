@@ -10,7 +10,7 @@ from splatcore.hdl.raster.finished_quads import FinishedQuads, quad_layout
 from splatcore.hdl.raster.quads import Quad, operation_layout, quad_of
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.spec.config import Config
-from splatcore.spec.raster import QUADS, ended_level, halvings_min, quad_pixels
+from splatcore.spec.quads import QUADS, ended_level, halvings_min, quad_pixels
 
 
 class Feeder(Rasterizer):

@@ -22,7 +22,7 @@ from splatcore.sim.cycles.quads_state import (
 )
 from splatcore.sim.cycles.visits import MARK_BITS, NOT_SEEN, QUAD_BITS, UNSEEN, visits
 from splatcore.spec.config import Config
-from splatcore.spec.raster import QUADS
+from splatcore.spec.quads import QUADS
 
 
 def quads_cycles(config: Config, frame: Frame) -> int:

@@ -16,15 +16,8 @@ from splatcore.sim.cycles.visits import NOT_SEEN
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid
-from splatcore.spec.raster import (
-    BLOCKS,
-    QUADS,
-    ended_level,
-    halvings_min,
-    nth_block,
-    owned,
-    quad_pixels,
-)
+from splatcore.spec.quads import QUADS, ended_level, halvings_min, quad_pixels
+from splatcore.spec.raster import BLOCKS, nth_block, owned
 
 BLOCKS_A_TILE = BLOCKS**2
 

@@ -14,7 +14,8 @@ from splatcore.golden.setup import Quadratic, prepare, quadratic
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK, TILE
 from splatcore.spec.group import group_grid, group_pixels
-from splatcore.spec.raster import BLOCKS, POWER_SHIFTS, QUADS, STEPS, ended_level
+from splatcore.spec.quads import QUADS, ended_level
+from splatcore.spec.raster import BLOCKS, POWER_SHIFTS, STEPS
 
 BLOCKS_A_TILE = BLOCKS**2
 QUAD_BITS = 4  # bits of a visit's number for each quad
