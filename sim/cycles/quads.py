@@ -13,8 +13,8 @@ from splatcore.sim.cycles.quads_state import (
     LEVEL_LATENCY,
     NOTHING,
     OUTPUT,
+    OUTPUT_LATENCY,
     QUEUE_LATENCY,
-    RETRIES,
     begun,
     machine_of,
     queues_of,
@@ -38,7 +38,7 @@ def quads_cycles(config: Config, frame: Frame) -> int:
     start = frame.sorted.start.astype(np.int64)
     work = (mask, pairs, start[order], start[order + 1], begun(config, frame, order))
     cycles = _run(found, work, machine, queues_of(machine), state_of(machine), feeders)
-    return BEGIN + cycles + len(machine.order) + STAGES
+    return BEGIN + cycles + len(machine.order) + STAGES + OUTPUT_LATENCY
 
 
 @njit(cache=True)
@@ -46,7 +46,7 @@ def _run(found, work, machine, queues, state, feeders):
     """Run until all groups have ended; return the cycle."""
     groups, cycle = len(work[2]), 0
     ended = 0
-    state.at[0] = work[2][0]
+    state.at[4] = work[2][0]
     while ended < groups * len(feeders):
         cycle += 1
         for lanes in range(len(state.lanes)):
@@ -57,6 +57,7 @@ def _run(found, work, machine, queues, state, feeders):
                 ended += _issue(cycle, r, found, work, machine, queues, state, feeders[r])
         if _deal(cycle, found, machine, queues, state, feeders):
             _expand(work, machine, state, feeders)
+        _admit(work, machine, state, feeders)
     return cycle
 
 
@@ -221,44 +222,68 @@ def _deal(cycle, found, machine, queues, state, feeders):
 
 
 @njit(cache=True)
-def _expand(work, machine, state, feeders):
-    """Issue the next pair of an entry and a live tile."""
-    mask, pairs, start, end, _ = work
-    state.pipe[1:] = state.pipe[:-1].copy()
-    state.pipe_tile[1:] = state.pipe_tile[:-1].copy()
-    state.pipe[0] = NOTHING
-    group = state.at[2]
-    if group == len(start):
+def _admit(work, machine, state, feeders):
+    """Take the next splat, or drop it if none of its tiles is live."""
+    mask, _, start, end, _ = work
+    group, entry = state.at[5], state.at[4]
+    if group == len(start) or state.waiting[1] == len(state.splats):
         return
-    if state.at[0] == end[group]:
-        state.pipe[0], state.at[2], state.at[1] = END, group + 1, 0
-        if group + 1 < len(start):
-            state.at[0] = start[group + 1]
-        return
-    known = True
-    for one in feeders:
-        known &= one.started and one.group == group
-    for _ in range(RETRIES):
-        if state.at[0] == end[group] or state.pipe[0] != NOTHING:
-            return
-        _next_pair(known, mask[state.at[0]], pairs[state.at[0]], machine, state)
+    ends = entry == end[group]
+    if ends or not _known(group, feeders) or _live(mask[entry], machine, state):
+        at = (state.waiting[0] + state.waiting[1]) % len(state.splats)
+        state.splats[at] = END if ends else entry
+        state.waiting[1] += 1
+    state.at[4] += 1
+    if ends:
+        state.at[5] = group + 1
+        state.at[4] = start[group + 1] if group + 1 < len(start) else 0
 
 
 @njit(cache=True)
-def _next_pair(known, mask, pair, machine, state):
-    """Issue the first live tile of an entry that is not done, if any; go on if it is the last."""
-    more, blocks = False, machine.own.shape[1]
+def _known(group, feeders):
+    """Return whether all rasterizers are at a group."""
+    known = True
+    for one in feeders:
+        known &= one.started and one.group == group
+    return known
+
+
+@njit(cache=True)
+def _live(mask, machine, state):
+    """Return the live tiles of a mask."""
+    live, blocks = 0, machine.own.shape[1]
     for tile in range(machine.tiles):
-        if not mask >> tile & 1:
-            continue
         of = state.level[:, tile * blocks : (tile + 1) * blocks]
-        if not state.at[1] >> tile & 1 and (not known or (of < machine.ended).any()):
-            if state.pipe[0] == NOTHING:
-                state.pipe[0], state.pipe_tile[0] = pair, tile
-                state.at[1] |= 1 << tile
-            else:
-                more = True
-        pair += 1
-    if not more:
-        state.at[0] += 1
-        state.at[1] = 0
+        if mask >> tile & 1 and (of < machine.ended).any():
+            live |= 1 << tile
+    return live
+
+
+@njit(cache=True)
+def _expand(work, machine, state, feeders):
+    """Issue the next pair of a splat and a live tile."""
+    state.pipe[1:] = state.pipe[:-1].copy()
+    state.pipe_tile[1:] = state.pipe_tile[:-1].copy()
+    state.pipe[0] = NOTHING
+    if state.waiting[1] == 0:
+        return
+    entry = state.splats[state.waiting[0]]
+    if entry == END:
+        state.pipe[0], state.at[2] = END, state.at[2] + 1
+    else:
+        mask = work[0][entry]
+        left = mask if not _known(state.at[2], feeders) else _live(mask, machine, state)
+        left &= ~state.at[1]
+        if left:
+            lowest = left & -left
+            pair = work[1][entry]
+            for tile in range(machine.tiles):
+                if lowest >> tile & 1:
+                    state.pipe[0], state.pipe_tile[0] = pair, tile
+                pair += mask >> tile & 1
+            state.at[1] |= lowest
+            if left != lowest:
+                return
+    state.at[1] = 0
+    state.waiting[0] = (state.waiting[0] + 1) % len(state.splats)
+    state.waiting[1] -= 1

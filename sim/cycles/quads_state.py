@@ -10,6 +10,7 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.prepare import CUTS
 from splatcore.hdl.raster.quads import OPERATIONS_WAITING, SHARE, quad_of
+from splatcore.hdl.raster.raster import SPLATS_WAITING
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING, STAGES
 from splatcore.hdl.raster.setup import Setup
 from splatcore.sim.cycles.visits import NOT_SEEN
@@ -22,11 +23,13 @@ from splatcore.spec.raster import BLOCKS, nth_block, owned
 BLOCKS_A_TILE = BLOCKS**2
 
 # Cycles from the registers of stage 3.
+
 MARKED = Setup.LATENCY + Mark.LATENCY + 1  # from a pair's issue to its offer to the rasterizers
 BEGIN = len(CUTS) + Register.HOLDS  # from the first splat to its first pair
+SPLATS_INSIDE = SPLATS_WAITING + len(CUTS) - 1  # before setup
 QUEUE_LATENCY = 2  # from an item entering a queue to its use
+OUTPUT_LATENCY = QUEUE_LATENCY + Blend.LATENCY + 2  # from an operation to the block's output
 LEVEL_LATENCY = Blend.BUSY + 2  # from an operation entering the lanes to the use of its level
-RETRIES = 4  # splats without a live tile that are dropped in a cycle, while others wait
 
 NOTHING, END, OUTPUT = -1, -2, -3  # instead of a pair; instead of a pair; instead of a visit
 
@@ -84,7 +87,11 @@ class State(NamedTuple):
     lanes: np.ndarray  # [R / 2, QUADS, BUSY − 1] rasterizer and block in flight
     pipe: np.ndarray  # [MARKED] pairs to be dealt
     pipe_tile: np.ndarray
-    at: np.ndarray  # [4]: entry, its tiles that are done, group at the entry, group dealt
+    splats: np.ndarray  # [SPLATS_INSIDE] entries, or `END`, before the first pair is issued
+    waiting: np.ndarray  # [2] place of the first one, number
+    # [6]: –, the first splat's tiles that are done, its group, the group dealt, the next entry, its
+    # group
+    at: np.ndarray
 
 
 def begun(config: Config, frame: Frame, groups: np.ndarray) -> np.ndarray:
@@ -132,5 +139,6 @@ def state_of(machine: Machine) -> State:
         *np.zeros((2, *shape), bool), np.zeros(shape, np.int64),
         *np.zeros((3, *shape, QUADS), np.int64),
         np.full((shape[0] // SHARE, QUADS, Blend.BUSY - 1), NOTHING),
-        np.full(MARKED, NOTHING), np.zeros(MARKED, np.int64), np.zeros(4, np.int64),
+        np.full(MARKED, NOTHING), np.zeros(MARKED, np.int64), np.zeros(SPLATS_INSIDE, np.int64),
+        np.zeros(2, np.int64), np.zeros(6, np.int64),
     )  # fmt: skip
