@@ -150,17 +150,23 @@ struct Outcome {
     int visited, contributing, blended, ended;  // numbers of pixels
 };
 
-// Blend a splat into a block. E: in half-pixel steps from the block's centre.
-static Outcome blend_block(const Quadratic &around, const int32_t *colour, Pixels &pixels,
-                           const Machine &m, const int32_t *table) {
-    const int32_t coarser = m.coarser, lowest = m.lowest, finer = m.finer, steps = m.steps;
-    const int32_t e = 4 * around.e >> coarser, index = (1 << steps) - 1;
+// E of a block's pixels, around its centre in half-pixel steps.
+static Vector exponents(const Quadratic &around, const Machine &m) {
+    const int32_t coarser = m.coarser, e = 4 * around.e >> coarser;
     const int32_t gx = 2 * around.gx >> coarser, gy = 2 * around.gy >> coarser;
     const int32_t cxx = around.cxx >> coarser, cxy = around.cxy >> coarser;
-    const int32_t cyy = around.cyy >> coarser, mantissa = m.mantissa, narrower = m.narrower;
+    const int32_t cyy = around.cyy >> coarser;
+    return e + gx * X + gy * Y + cxy * XY - cxx * XX - cyy * YY;
+}
+
+// Blend a splat into a block.
+static Outcome blend_block(const Quadratic &around, const int32_t *colour, Pixels &pixels,
+                           const Machine &m, const int32_t *table) {
+    const int32_t lowest = m.lowest, finer = m.finer, steps = m.steps, index = (1 << steps) - 1;
+    const int32_t mantissa = m.mantissa, narrower = m.narrower;
     const int32_t dark = m.dark, least = m.taken, ends = m.rest_min, all = -m.takes_all;
     const int32_t product = m.product, half = 1 << (product - 1);
-    Vector exponent = e + gx * X + gy * Y + cxy * XY - cxx * XX - cyy * YY;
+    Vector exponent = exponents(around, m);
     Vector visible = exponent >= lowest;
     exponent = visible ? exponent : lowest - Vector{};
     exponent = (exponent < 0 ? exponent : Vector{} - 1) >> finer;
@@ -220,13 +226,13 @@ static int64_t blend_tile(const Quadratic &around, const int32_t *colour, Tile &
 }
 
 // Begin a tile of which `wide` × `high` pixels are in the image.
-static void begin(Tile &tile, int64_t wide, int64_t high, const Frame &f) {
+static void begin(Tile &tile, int64_t wide, int64_t high, const Machine &m, const Level *levels) {
     tile.remaining = 0;
     for (int block = 0; block < SIXTEEN; block++) {
         Pixels &pixels = tile.blocks[block];
-        pixels.rest = int32_t(f.machine.full) - Vector{};
+        pixels.rest = int32_t(m.full) - Vector{};
         pixels.sum[0] = pixels.sum[1] = pixels.sum[2] = Vector{};
-        tile.live[block] = tile.level[block] = 0, tile.bound[block] = f.levels[0].marked;
+        tile.live[block] = tile.level[block] = 0, tile.bound[block] = levels[0].marked;
         for (int k = 0; k < SIXTEEN; k++) {
             bool inside = block % BLOCKS * BLOCK + k % BLOCK < wide &&
                           block / BLOCKS * BLOCK + k / BLOCK < high;
@@ -255,7 +261,8 @@ template <class Value> static void blend_group(int64_t group, Tile *tiles, const
     const Machine &m = f.machine;
     const int64_t side = m.group, row = group / m.columns * side, column = group % m.columns * side;
     for (int64_t t = 0; t < side * side; t++)
-        begin(tiles[t], m.width - (column + t % side) * TILE, m.height - (row + t / side) * TILE, f);
+        begin(tiles[t], m.width - (column + t % side) * TILE, m.height - (row + t / side) * TILE,
+              m, f.levels);
     Pairs &counts = f.pairs[group];
     int64_t live = 0;  // one bit per tile
     for (int64_t t = 0; t < side * side; t++) live |= int64_t(tiles[t].remaining > 0) << t;

@@ -123,6 +123,9 @@ class Config:
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
     rasterizers: int = size(4, 1, 16, power=True)  # each has 16 lanes, one per pixel of a block
+    # "block": a rasterizer's lanes blend one block at a time. "quads": two rasterizers share 16
+    # lanes, in four sets of 2×2 pixels, each with a queue for either rasterizer.
+    lanes: Literal["block", "quads"] = "block"
     exponent_fraction: int = bits(  # fraction bits of E's coefficients
         14, limits=(10, 18), tried=(11, 12, 13, 16), coarse=12, fine=16,
         parts=("evaluate", "mark"),
@@ -177,6 +180,8 @@ class Config:
                 raise self._error(name, f"is not a power of two ≥ {about.low}")
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
+        if self.lanes == "quads" and (self.rasterizers < 2 or self.logic == "fpga"):
+            raise self._error("lanes", "needs two rasterizers, and logic 'gates'")
         if self.colours == "array" and self.sh_degree > 1:
             raise self._error("sh_degree", "is above 1, the highest degree of colours='array'")
         if self.faint:

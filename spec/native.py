@@ -59,10 +59,17 @@ class Library:
     source: the file; it includes "made.hpp"
     constants: numbers, and tuples of them, that made.hpp defines
     structs: dtypes of records that it defines; their fields are of `C_TYPES` or earlier structs
+    base: a library whose file comes before this one's, with its constants and structs
     """
 
-    def __init__(self, source: Path, constants: Mapping, structs: Mapping[str, np.dtype]):
-        lines, types = ["#include <cstdint>"], dict(C_TYPES)
+    def __init__(
+        self,
+        source: Path,
+        constants: Mapping,
+        structs: Mapping[str, np.dtype],
+        base: "Library | None" = None,
+    ):
+        lines, types = [base.made if base else "#include <cstdint>"], dict(C_TYPES)
         for name, value in constants.items():
             many = isinstance(value, tuple)
             text = f"{{{', '.join(map(str, value))}}}" if many else str(value)
@@ -72,7 +79,8 @@ class Library:
             lines.append(f"struct {name} {{ {' '.join(fields)} }};")
             types[dtype] = name
             lines.append(f"static_assert(sizeof({name}) == {dtype.itemsize});")
-        self.source, self.made, self.lock = source, "\n".join([*lines, ""]), Lock()
+        self.sources = [*(base.sources if base else ()), source]
+        self.made, self.lock = "\n".join([*lines, ""]), Lock()
 
     def function(self, name: str, *kinds, result: type | None = None) -> Callable:
         """Return a function that runs without Python's lock.
@@ -96,15 +104,16 @@ class Library:
 
     @cached_property
     def _loaded(self) -> ctypes.CDLL:
-        program, text = compiler(), self.source.read_text()
-        key = [text, self.made, program, Path(program).stat().st_mtime_ns, FLAGS, processor()]
+        program, texts = compiler(), [source.read_text() for source in self.sources]
+        key = [*texts, self.made, program, Path(program).stat().st_mtime_ns, FLAGS, processor()]
 
         def compile(folder: Path):
             (folder / "made.hpp").write_text(self.made)
-            command = [program, *FLAGS, f"-I{folder}", "-o", FILE, str(self.source)]
+            (folder / "whole.cpp").write_text("\n".join(texts))
+            command = [program, *FLAGS, "-I.", "-o", FILE, "whole.cpp"]
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
             if done.returncode:
                 log = done.stderr.splitlines()[-LOG_LINES:]
-                raise RuntimeError("\n".join([f"{program} failed on {self.source}", *log]))
+                raise RuntimeError("\n".join([f"{program} failed on {self.sources[-1]}", *log]))
 
         return ctypes.CDLL(str(kept_folder("native", key, compile) / FILE))

@@ -42,6 +42,8 @@ class Blend(wiring.Component):
     Parameters:
         blocks: number of blocks in the memories
         pixels: pixels per block; fewer are useful for measurements
+        heads: number of operations to choose from; with several the caller checks `waits`, and says
+            which blocks are `untouched`
 
     **Timing**: one block per cycle, the same block again after `BUSY` cycles; each of the 16 lanes
     has one multiplier, or four (`Config.logic`). Each pixel of a block has two memories, one of T
@@ -52,8 +54,8 @@ class Blend(wiring.Component):
     BUSY = 4
     LATENCY = 5  # cycles from a block to its colours at `o`; 4 with multipliers
 
-    def __init__(self, config: Config, blocks: int, pixels: int = PIXELS):
-        self.config, self.blocks, self.pixels = config, blocks, pixels
+    def __init__(self, config: Config, blocks: int, pixels: int = PIXELS, heads: int = 1):
+        self.config, self.blocks, self.pixels, self.heads = config, blocks, pixels, heads
         self.number = range(blocks)
         self.colour_shape = layout(Record("colour", colours(config)))
         ports = {
@@ -69,7 +71,7 @@ class Blend(wiring.Component):
             "rest": In(1),  # all of the remaining T is blended with the colour
             "busy": Out(1),  # `block` cannot be blended now
             "entered": Out(1),  # in the two cycles before, a block to be blended was taken
-            "blended": Out(1),  # block `blended_block` has been blended
+            "blended": Out(1),  # block `blended_block` has been blended, or (`heads`) reset
             "blended_block": Out(self.number),  # its number
             "ended": Out(1),  # all its pixels are terminated
             # one bit for each level of `spec.raster.mark_min` from 1 on: it is at it or above
@@ -83,11 +85,14 @@ class Blend(wiring.Component):
         if config.logic == "fpga":
             # `block` of the next cycle, unless this one is valid and has to wait
             ports["coming"] = In(self.number)
+        if heads > 1:
+            ports["choices"] = In(data.ArrayLayout(self.number, heads))  # blocks to choose from
+            ports["waits"] = Out(heads)  # one bit per choice: it cannot be blended now
+            ports["untouched"] = In(1)  # no splat was blended into `block` since it was output
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        self.touched = Signal(self.blocks)
         # On an FPGA lanes have no enables of their own, and pixels share block RAM.
         self.joint = self.config.logic == "fpga"
         self.words = partial(PixelWords, blocks=self.blocks, pixels=self.pixels, joint=self.joint)
@@ -124,6 +129,8 @@ class Blend(wiring.Component):
             m.d.sync += self.busy.eq(Mux(self.valid & self.busy, stays, moves))
         else:
             m.d.comb += self.busy.eq(within(self.block, stages))
+        if self.heads > 1:
+            m.d.comb += self.waits.eq(Cat(within(block, stages) for block in self.choices))
 
     def _stage(self, m: Module, name: str, lane: dict, valid: Value, source) -> tuple:
         """Registers of a stage, some of them per lane, which the caller loads; their valid bit."""
@@ -142,7 +149,9 @@ class Blend(wiring.Component):
         fire = self.valid & ~self.busy
         for read in words:
             m.d.comb += [read.enable.eq(fire), read.block.eq(self.block)]
-        self.untouched = ~self.touched.bit_select(self.block, 1)
+        if self.heads == 1:
+            self.touched = Signal(self.blocks)
+            self.untouched = ~self.touched.bit_select(self.block, 1)
         lane = {"log2_alpha": log2_alpha_layout(self.config), "inside": 1}
         valid, asked = self._stage(m, "asked", lane, fire, self)
         with m.If(fire):
@@ -154,8 +163,9 @@ class Blend(wiring.Component):
     def _read(self, m: Module, stored: data.View, valid: Signal, asked: data.View) -> tuple:
         """T; alpha's mantissas from the table."""
         config = self.config
-        with m.If(valid):
-            m.d.sync += self.touched.bit_select(asked.block, 1).eq(asked.blends)
+        if self.heads == 1:
+            with m.If(valid):
+                m.d.sync += self.touched.bit_select(asked.block, 1).eq(asked.blends)
         lane = {"mantissa": config.power_mantissa, "halvings": HALVING_BITS, "seen": 1}
         lane |= {"rest": config.transmittance, "ended": 1}
         read_valid, read = self._stage(m, "read", lane, valid, asked)
@@ -227,6 +237,8 @@ class Blend(wiring.Component):
                 m.d.sync += to.weight.eq(lane.rest[coarser:] - less)
             for k in range(levels):
                 bright[k] |= after[bits - config.faint.dark - k :].any() & ~ended[pixel]
+        if self.heads > 1:
+            blended = valid & (before.blends | before.give) & ~before.rest
         m.d.comb += [self.blended.eq(blended), self.blended_block.eq(before.block)]
         m.d.comb += [self.ended.eq(ended.all()), self.level.eq(~Cat(bright))]
         return taken_valid, stage

@@ -13,8 +13,10 @@ from splatcore.hdl.lib.stream import Fork, Pipe, Queue, Register, passes
 from splatcore.hdl.raster.job import job_layout
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.prepare import CUTS, Prepare
+from splatcore.hdl.raster.quads import SHARE
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING, Rasterizer
 from splatcore.hdl.raster.setup import Setup
+from splatcore.hdl.raster.shared import Feeder, share_lanes
 from splatcore.spec import counters, raster
 from splatcore.spec.config import Config
 
@@ -101,7 +103,8 @@ class Raster(wiring.Component):
         enough(GROUPS_APART, inside + 1, "GROUP_BITS, ends of groups that may be apart")
         self.dropped = Signal()
         self.splats = Queue(layout(raster.featured_record(config)), SPLATS_WAITING, memory=True)
-        self.rasterizers = [Rasterizer(config, number) for number in range(config.rasterizers)]
+        kind = Feeder if config.lanes == "quads" else Rasterizer
+        self.rasterizers = [kind(config, number) for number in range(config.rasterizers)]
         ports = {
             # a group's splats front to back, then its end
             "i": In(stream_of(raster.featured_record(config))),
@@ -134,6 +137,10 @@ class Raster(wiring.Component):
             self._register(m, f"position{number}", fork.o[number], part.positions)
             m.d.comb += part.job.eq(self.job)
             connect(m, part.o, flipped(self.o[number]))
+        if config.lanes == "quads":
+            half = config.rasterizers // SHARE
+            for number in range(half):
+                share_lanes(m, f"lanes{number}", self.rasterizers[number::half])
         self._admit(m)
         o = self.expand.o
         ends = o.valid & o.ready & o.payload.end

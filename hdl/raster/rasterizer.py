@@ -44,6 +44,9 @@ class Rasterizer(wiring.Component):
     the previous group, and one more per block with a background.
     """
 
+    finished_places = Finished
+    """Component that holds finished blocks."""
+
     def __init__(self, config: Config, number: int):
         self.config, self.number, self.own = config, number, raster.owned(config, number)
         self.tiles = config.group**2
@@ -51,7 +54,7 @@ class Rasterizer(wiring.Component):
         self.levels = len(raster.mark_min(config)) - 1
         pair = raster.marked_record(config, Array(Bits(len(self.own)), 1 + self.levels))
         self.pairs = Queue(layout(pair), PAIRS_WAITING, memory=True)
-        self.finished = Finished(config)
+        self.finished = self.finished_places(config)
         ports = {
             # `marked_record` with this rasterizer's blocks by level, or a group's end
             "i": In(stream_of(pair)),
@@ -68,13 +71,13 @@ class Rasterizer(wiring.Component):
             "blended": Out(1),  # a block enters the lanes
             "waited": Out(1),  # no block enters the lanes although the group has not ended
         }
-        super().__init__(ports)
+        super().__init__(ports | self._lane_ports())
 
     def elaborate(self, platform) -> Module:
         m = Module()
         m.submodules.pairs = self.pairs
         m.submodules.evaluate = self.evaluate = Evaluate(self.config, self.number)
-        m.submodules.blend = self.blend = Blend(self.config, self.blocks)
+        self._blender(m)
         connect(m, flipped(self).i, self.pairs.i)
         self.position = Signal(layout(raster.position_record(self.config)))
         self.moves = Signal()  # blocks before the lanes advance
@@ -91,6 +94,27 @@ class Rasterizer(wiring.Component):
         self._issue(m)
         self._lanes(m)
         return m
+
+    def _lane_ports(self) -> dict:
+        """Ports to lanes outside."""
+        return {}
+
+    def _blender(self, m: Module):
+        """Add the lanes."""
+        m.submodules.blend = self.blend = Blend(self.config, self.blocks)
+
+    def _result(self) -> tuple[Value, ...]:
+        """A block's result: valid, its number, all its pixels are terminated, its levels."""
+        blend = self.blend
+        return blend.blended, blend.blended_block, blend.ended, blend.level
+
+    def _blending(self) -> Value:
+        """High while a result may still come."""
+        return self.blend.entered
+
+    def _leaving(self) -> Value:
+        """High while the lanes hold a block to be output."""
+        return self.blend.giving
 
     def wanted(self, blocks: Sequence[Value], tile: Value) -> Value:
         """Blocks of a tile that have live pixels and are not at a higher level, as far as known.
@@ -111,16 +135,17 @@ class Rasterizer(wiring.Component):
     def _begin(self, m: Module):
         """Begin a group when its position is known and the previous group has been blended."""
         position = self.positions.payload
-        behind = self.visiting.any() | self.blend.entered
+        behind = self.visiting.any() | self._blending()
         m.d.comb += self.positions.ready.eq(~self.started & ~behind)
         columns = self._inside(position.column, self.job.width, BLOCK)
         rows = self._inside(position.row, self.job.height, BLOCK)
-        begins, blend = self.positions.valid & self.positions.ready, self.blend
+        begins = self.positions.valid & self.positions.ready
         # The result of a block is known here a cycle later, unless its group is over then.
-        shape = {"block": blend.blended_block.shape(), "ended": 1, "level": len(blend.level)}
+        blended, block, ended, reached = self._result()
+        shape = {"block": range(self.blocks), "ended": 1, "level": self.levels}
         late, late_valid = Signal(data.StructLayout(shape), reset_less=True), Signal()
-        m.d.sync += late_valid.eq(blend.blended & ~begins)
-        m.d.sync += late.eq(Cat(blend.blended_block, blend.ended, blend.level))
+        m.d.sync += late_valid.eq(blended & ~begins)
+        m.d.sync += late.eq(Cat(block, ended, reached))
         with m.If(begins):
             m.d.sync += [self.started.eq(1), self.position.eq(position)]
             m.d.sync += self.group.eq(self.group + 1)
@@ -188,7 +213,7 @@ class Rasterizer(wiring.Component):
             blocks.as_value().bit_select(number, 1) for blocks in (self.stale, self.blocked)
         )
         background = self.job.background.as_value().any()
-        behind = self.giving.any() | self.blend.giving  # one may still be in flight to its place
+        behind = self.giving.any() | self._leaving()  # one may still be in flight to its place
         m.d.comb += [
             self.gives.eq(~through & ~again & ~self.visits & stale & ~blocked),
             self.rests.eq(~through & again),
@@ -206,7 +231,36 @@ class Rasterizer(wiring.Component):
 
     def _lanes(self, m: Module):
         """From E around a tile to the lanes, and from these to the finished blocks."""
-        pair, evaluate, blend = self.pairs.o.payload, self.evaluate, self.blend
+        blend = self.blend
+        chosen, tile, colour, coming = self._evaluated(m)
+        visit, give, rests = self.visiting[-1], self.giving[-1], self.resting[-1]
+        seen = visit & Cat(pixel.seen for pixel in self.evaluate.log2_alphas).any()
+        m.d.comb += [
+            blend.valid.eq(seen | give | rests),
+            blend.block.eq(self._number(chosen, tile)),
+            *((blend.coming.eq(coming),) if self.config.logic == "fpga" else ()),
+            blend.give.eq(give),
+            blend.blends.eq(visit | rests),
+            blend.rest.eq(rests),
+            blend.log2_alphas.eq(self.evaluate.log2_alphas),
+            blend.colour.eq(Mux(rests, self.job.background, Cat(colour))),
+            blend.inside.eq(self._edges(tile, chosen)),
+            self.moves.eq(~blend.valid | ~blend.busy),
+            self.blended.eq(seen & ~blend.busy),
+        ]
+        m.submodules.finished = finished = self.finished
+        connect(m, finished.o, flipped(self).o)
+        m.d.comb += [
+            finished.valid.eq(blend.given),
+            finished.block.eq(blend.given_block),
+            finished.pixels.eq(blend.o),
+        ]
+
+    def _evaluated(self, m: Module) -> tuple[Value, Value, list[Value], Value]:
+        """The block that reaches the lanes: which of its tile's, its tile, its splat's colour; and
+        the number of the block behind it.
+        """
+        pair, evaluate = self.pairs.o.payload, self.evaluate
         cuts = ("issued", *(f"evaluate{k}" for k in range(evaluate.LATENCY)))
         enters, inside = Signal(STAGES), self.visiting | self.giving | self.resting
         issued = self.visits | self.gives | self.rests
@@ -232,34 +286,13 @@ class Rasterizer(wiring.Component):
                 later.eq(self.giving),
                 self.resting.eq(Cat(self.rests, self.resting)),
             ]
-        visit, give, rests = self.visiting[-1], self.giving[-1], self.resting[-1]
-        seen = visit & Cat(pixel.seen for pixel in evaluate.log2_alphas).any()
-        m.d.comb += [
-            blend.valid.eq(seen | give | rests),
-            blend.block.eq(self._number(chosen, tile)),
-            *((blend.coming.eq(coming),) if self.config.logic == "fpga" else ()),
-            blend.give.eq(give),
-            blend.blends.eq(visit | rests),
-            blend.rest.eq(rests),
-            blend.log2_alphas.eq(evaluate.log2_alphas),
-            blend.colour.eq(Mux(rests, self.job.background, Cat(colour))),
-            self.moves.eq(~blend.valid | ~blend.busy),
-            self.blended.eq(seen & ~blend.busy),
-        ]
-        self._edges(m, tile, chosen)
-        m.submodules.finished = finished = self.finished
-        connect(m, finished.o, flipped(self).o)
-        m.d.comb += [
-            finished.valid.eq(blend.given),
-            finished.block.eq(blend.given_block),
-            finished.pixels.eq(blend.o),
-        ]
+        return chosen, tile, colour, coming
 
     def _number(self, chosen: Value, tile: Value) -> Value:
         """A block's number in the memories of pixels."""
         return tile * len(self.own) + encoded(chosen) if len(self.own) > 1 else tile
 
-    def _edges(self, m: Module, tile: Value, chosen: Value):
+    def _edges(self, tile: Value, chosen: Value) -> Value:
         """One bit per pixel of a block: it is within the image."""
         side = self.config.group
         columns = Mux(chosen[0], self.own[0] % raster.BLOCKS, 0)
@@ -275,4 +308,4 @@ class Rasterizer(wiring.Component):
         row = (self.position.row * side + tile_row) * raster.BLOCKS + rows
         across = [column * BLOCK + k < self.job.width for k in range(BLOCK)]
         down = [row * BLOCK + k < self.job.height for k in range(BLOCK)]
-        m.d.comb += self.blend.inside.eq(Cat(a & d for d in down for a in across))
+        return Cat(a & d for d in down for a in across)

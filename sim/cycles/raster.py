@@ -4,6 +4,7 @@ Only queues are modelled: the rasterizers' input queues decide how much of their
 other queues how much of sorting and writing overlaps with stage 3.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,10 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
 from splatcore.hdl.raster.features import FEATURES_WAITING
 from splatcore.hdl.raster.mark import Mark
+from splatcore.hdl.raster.quads import SHARE
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING
 from splatcore.hdl.raster.setup import Setup
+from splatcore.sim.cycles.quads import quads_cycles
 from splatcore.spec.config import Config
 from splatcore.spec.raster import BLOCKS, block_count, nth_block, owned, owner
 
@@ -59,6 +62,7 @@ class Work(NamedTuple):
     blocks: np.ndarray  # marked and visited blocks per tile, −1 for none
     first: np.ndarray  # [N + 1] each entry's first place in `blocks`
     owners: np.ndarray  # [blocks of a tile] their rasterizers
+    step: float  # cycles per block
 
 
 class State(NamedTuple):
@@ -77,10 +81,11 @@ class Raster:
     """Stage 3 of a frame. number: the next group; at: the next entry."""
 
     def __init__(self, config: Config, frame: Frame):
+        config, step = block_wide(config, frame)
         mask, blocks = frame.sorted.mask.astype(np.int64), BLOCKS_A_TILE * config.group**2
         first = np.concatenate([[0], np.cumsum(np.bitwise_count(mask), dtype=np.int64)])
         owners = np.array([owner(config, block) for block in range(BLOCKS_A_TILE)])
-        self.work = Work(mask, frame.raster.blocks, first, owners)
+        self.work = Work(mask, frame.raster.blocks, first, owners, step)
         self.start, self.group_blocks = frame.start, block_count(config)
         self.number = self.at = self.live_end = 0
         self.order = order(config)  # each block's share of its rasterizer's, as they are written
@@ -117,6 +122,16 @@ class Raster:
         return end_group(self.group_blocks, self.state)
 
 
+def block_wide(config: Config, frame: Frame) -> tuple[Config, float]:
+    """Return a machine of as many block-wide lanes, and its cycles per block: for lanes in quads an
+    average, so that both machines take as long without stalls.
+    """
+    if config.lanes == "block":
+        return config, 1.0
+    wide = replace(config, lanes="block", rasterizers=config.rasterizers // SHARE)
+    return wide, quads_cycles(config, frame) / raster_cycles(wide, frame)
+
+
 def order(config: Config) -> np.ndarray:
     """Share of a rasterizer's blocks written up to each block of a group, that block included."""
     found = np.zeros((config.group**2, BLOCKS_A_TILE))
@@ -133,6 +148,8 @@ def raster_cycles(config: Config, frame: Frame) -> int:
 
     Groups without a splat bypass it.
     """
+    if config.lanes == "quads":
+        return quads_cycles(config, frame)
     stage = Raster(config, frame)
     for count in np.diff(frame.start):
         if count:
@@ -182,7 +199,7 @@ def pass_splats(first, end, ended, pace, far, work, state):
     """
     clock, taken, left, splats = state.clock[0], state.taken, state.left, state.splats[0]
     entered, marked, merged = clock.entered, clock.marked, clock.merged
-    masks, blocks, places, owners = work
+    masks, blocks, places, owners, step = work
     for k in range(first, end):
         if pace > 0:
             if k == ended:
@@ -201,7 +218,7 @@ def pass_splats(first, end, ended, pace, far, work, state):
                 if found >= 0:
                     dead = False
                     marked = max(marked + 1, entered + PAIR_LATENCY)
-                    marked = _deal(found, tile, marked, owners, state)
+                    marked = _deal(found, tile, marked, owners, step, state)
             tile += 1
         if not dead:
             left[splats % SPLATS_INSIDE] = marked - MARK_LATENCY
@@ -220,7 +237,7 @@ def live_end(first, end, work):
 
 
 @njit(cache=True)
-def _deal(found, tile, marked, owners, state):
+def _deal(found, tile, marked, owners, step, state):
     """Push a pair to the rasterizers that own its blocks; the cycle in which all had room."""
     every, visited, room = state.rasterizers, state.visited, state.room
     for block in range(BLOCKS_A_TILE):
@@ -238,7 +255,7 @@ def _deal(found, tile, marked, owners, state):
             some = True
             if found >> BLOCKS_A_TILE + block & 1:
                 time = _visit(one, tile * BLOCKS_A_TILE + block, time, visited, room)
-            time += 1
+            time += step
         if some:
             one.free = one.begun[one.count % PAIRS_HELD] = time
             one.count += 1

@@ -41,7 +41,7 @@ from tb.stages.raster import (
 )
 from tb.stages.table import RASTERIZER, rasterizer_case
 
-ONE, FEW = MACHINES["SINGLE"], MACHINES["FEW"]
+ONE, FEW, QUADS = (MACHINES[name] for name in ("SINGLE", "FEW", "QUADS"))
 
 SCENES = ("flowers.spz", "luma-seal.splat", "playbot.spz", "skull.sog", "kitchen.spz")
 
@@ -104,6 +104,25 @@ def test_alpha(rgba):
     if rgba:
         levels = np.bincount(lists.golden.pixels[..., 3].ravel(), minlength=256)
         assert levels[0] and levels[255] and np.count_nonzero(levels) > 100
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("stall", [0, 0.3])
+def test_quads(stall):
+    """Lanes in quads: cut images, backgrounds, alpha, groups in a row with many, few and no splats
+    (levels and places of the group before), and pixels that end."""
+    few = {"chosen": np.tile(np.arange(4), 4)}
+    runs = [
+        *(mixed(QUADS, 1000, size, 1, background=(511, 0, 1)) for size in SIZES),
+        mixed(QUADS, 1000, (61, 35), 2),
+        mixed(QUADS, 80, (61, 35), rgba=True),
+        *(mixed(QUADS, count, (64, 64), 3, background=(0, 9, 0), **few) for count in (20, 300)),
+        mixed(QUADS, 20, (64, 64), 4, **few),
+        opaque(QUADS, (32, 32), each=600),
+        nothing(QUADS, (64, 64), background=(10, 512, 255)),
+    ]
+    ended = [lists.run(stall=stall, seed=3).golden.counts["ended"] for lists in runs]
+    assert sum(ended) > 1000
 
 
 @pytest.mark.verify

@@ -39,6 +39,8 @@ CHANGED = {
     "SIXTEEN": (DEFAULT, {"rasterizers": 16}),
     "ONE": (TINY, {"rasterizers": 1, "group": 1}),
     "FEW": (TINY, {"rasterizers": 8, "group": 1, "logic": "fpga"}),
+    # Lanes in quads: two sets of lanes, with alpha.
+    "QUADS": (ALPHA, {"rasterizers": 4, "lanes": "quads"}),
     # Sub-sorters and merges.
     "four": (TREES, {"sub_sorters": 4, "merge_ways": 16, "sort_digits": PAPER.sort_digits}),
     "one": (TREES, {"sub_sorters": 1, "merge_ways": 2, "sort_digits": (1,) * 23}),
