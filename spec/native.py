@@ -94,10 +94,12 @@ class Library:
 
         def call(*args):
             if not found:
+                # As a whole: to set argtypes while another thread calls the function would crash.
                 with self.lock:
-                    function = getattr(self._loaded, name)
-                function.argtypes, function.restype = types, SCALARS.get(result)
-                found.append(function)
+                    if not found:
+                        function = getattr(self._loaded, name)
+                        function.argtypes, function.restype = types, SCALARS.get(result)
+                        found.append(function)
             return found[0](*args)
 
         return call

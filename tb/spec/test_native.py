@@ -1,6 +1,8 @@
 """Functions in C++: what is passed to them, what they are compiled for, and without a compiler."""
 
 import ctypes
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -42,6 +44,33 @@ def test_arguments(source):
     for wrong in (found.astype(np.float32), np.zeros(4)[::2], np.zeros(2, np.int64)):
         with pytest.raises(ctypes.ArgumentError):
             weigh(source)(2, pairs, wrong)
+
+
+def test_threads(source):
+    """The first calls of a function may come from several threads at once."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(20):
+            function = weigh(source)
+            with ThreadPoolExecutor(8) as threads:
+                pairs, found = np.zeros(1, PAIR), np.zeros(1)
+                assert sum(threads.map(lambda _: function(1, pairs, found), range(64))) == 0  # noqa: B023
+    finally:
+        sys.setswitchinterval(interval)
+
+
+def test_base(source):
+    """A library has the functions, constants and structs of another one before its own."""
+    base = native.Library(source, {"WEIGHTS": (2, -3), "ADDED": 1}, {"Pair": PAIR})
+    more = source.with_name("more.cpp")
+    more.write_text(
+        'extern "C" int64_t more(const Pair *p, double *f) { return LEAST + weigh(2, p, f); }'
+    )
+    function = native.Library(more, {"LEAST": 40}, {}, base).function(
+        "more", PAIR, np.float64, result=int
+    )
+    assert function(np.array([(5, 0.5), (-7, 2.0)], PAIR), np.zeros(2)) == 38
 
 
 def test_kept(source, monkeypatch, tmp_path):
