@@ -21,7 +21,7 @@ from splatcore.eda.cells.silicon import (
     silicon,
 )  # fmt: skip
 from splatcore.eda.cells.static_timing import MEMORY_ACCESS_FO4, MEMORY_SETUP_FO4, Assumed
-from splatcore.eda.cells.wires import SIDE_SHARE, WIRE_LOAD, WIRE_NET
+from splatcore.eda.cells.wires import SIDE_SHARE, WIRE_LOAD, WIRE_MARGIN, WIRE_NET
 from splatcore.eda.deliver.verilog import constraints
 from splatcore.eda.gates.machine_gates import netlist, parts_table, whole
 from splatcore.eda.gates.macros import memory_size
@@ -150,7 +150,8 @@ def _print_stages(config: Config, library: Library, stages: dict[str, dict]):
         f"Corner: {about['corner']}. FO4 {about['fo4_ps']:.1f} ps, NAND2 "
         f"{about['nand2_um2']:g} um² ({about['nand2']}). ASSUMED: memories "
         f"{MEMORY_ACCESS_FO4} FO4 to their outputs and {MEMORY_SETUP_FO4} FO4 setup; with wires, "
-        f"{WIRE_NET:g} + {WIRE_LOAD:g} per load inverter inputs in addition, and between parts "
+        f"{WIRE_MARGIN:g} · ({WIRE_LOAD:g} per load − {-WIRE_NET:g}) inverter inputs "
+        f"in addition, and between parts "
         f"{SIDE_SHARE:g} sides of their area behind a repeater; at 28 nm an FO4 of "
         f"{1000 * FO4_28NM[0]:.0f} to {1000 * FO4_28NM[1]:.0f} ps at the slow corner and "
         f"{UNCERTAINTY:.0%} of the period for skew and jitter, without wires. "

@@ -16,6 +16,7 @@ from splatcore.eda.cells.delays import Arcs, fo4, propagate
 from splatcore.eda.cells.liberty import Library
 from splatcore.eda.cells.wires import (
     WIRE_LOAD,
+    WIRE_MARGIN,
     WIRE_NET,
     WIRE_OHM,
     WIRE_PF,
@@ -62,6 +63,7 @@ class Assumed:
         launch = next(arc for arc in cell.arcs if arc.kind == "rising_edge")
         times = [arcs.delay(launch, edge, 0.0, 4 * inverter[edge]) for edge in range(2)]
         unit = fo4(library)
+        wire = WIRE_MARGIN * sum(inverter) / 2 if wires else 0.0
         setup = next(a for a in cell.arcs if a.kind == "setup_rising" and a.end == cell.data)
         return cls(
             fo4=unit,
@@ -71,8 +73,8 @@ class Assumed:
             load=np.array(cell.inputs[cell.data]),
             access=MEMORY_ACCESS_FO4 * unit,
             memory_setup=MEMORY_SETUP_FO4 * unit,
-            net_wire=WIRE_NET * sum(inverter) / 2 if wires else 0.0,
-            load_wire=WIRE_LOAD * sum(inverter) / 2 if wires else 0.0,
+            net_wire=WIRE_NET * wire,
+            load_wire=WIRE_LOAD * wire,
             repeater=Repeater.of(library, unit) if wires else None,
         )
 

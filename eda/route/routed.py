@@ -22,15 +22,16 @@ class Routed:
 
     area: µm of its corners, x and y of each
     cells: kind and lower left corner in µm, by instance
-    sinks: number of pins and pads that each net connects, less one
+    pins: "instance/pin" and "PIN/net" of all pins and pads that each net connects
     wires: of each net; none for a net whose pins touch
-    trees: driving pin, number of sinks and tree of each net, by the router
+    trees: driving pin, number of sinks and tree of each net, by the router; it writes ERROR for a
+        pin that it reaches through another one
     failed: number of nets that could not be routed
     """
 
     area: tuple[float, float, float, float]
     cells: dict[str, tuple[str, float, float]]
-    sinks: dict[str, int]
+    pins: dict[str, list[str]]
     wires: dict[str, list[Wire]]
     trees: dict[str, tuple[str, int, Tree]]
     failed: int
@@ -48,12 +49,12 @@ class Routed:
                 r"^- (\S+) (\S+) \+ PLACED \( (\S+) (\S+) \)", text, re.M
             )
         }
-        sinks, wires = {}, {}
+        pins, wires = {}, {}
         section = text[text.index("\nNETS ") : text.index("\nEND NETS")]
         for net in section.split("\n- ")[1:]:
             name, _, rest = net.partition("\n")
-            pins, _, routes = rest.partition("+ ROUTED")
-            sinks[name.strip()] = len(re.findall(r"\(", pins)) - 1
+            ends, _, routes = rest.partition("+ ROUTED")
+            pins[name.strip()] = ["/".join(end) for end in re.findall(r"\( (\S+) (\S+) \)", ends)]
             wires[name.strip()] = list(_wires(routes, units))
         trees = dict(_tree_of(line) for line in (folder / "routed.rc").read_text().splitlines())
         if unknown := trees.keys() - wires.keys():
@@ -61,7 +62,12 @@ class Routed:
         log = (folder / "routed.rc.log").read_text()
         count = re.findall(r"^Final: (?:No|(\d+)) failed routes", log, re.M)
         failed = int(count[-1] or 0) if count else len(wires)
-        return cls(tuple(float(c) / units for c in corners), cells, sinks, wires, trees, failed)
+        return cls(tuple(float(c) / units for c in corners), cells, pins, wires, trees, failed)
+
+    @cached_property
+    def sinks(self) -> dict[str, int]:
+        """Number of sinks of each net."""
+        return {name: len(pins) - 1 for name, pins in self.pins.items()}
 
     @cached_property
     def lengths(self) -> dict[str, dict[str, float]]:

@@ -37,8 +37,9 @@ def longest_path(
         )  # fmt: skip
     printed = done.stdout + done.stderr
     slack = re.search(r"(-?[\d.]+) +slack", printed)
-    if slack is None or re.search(r"^(Error|Warning)", printed, re.M):
-        raise RuntimeError(f"sta: {printed[:300]}")
+    wrong = re.search(r"^(Error|Warning).*", printed, re.M)
+    if slack is None or wrong:
+        raise RuntimeError(f"sta: {wrong[0] if wrong else printed[-300:]}")
     return PERIOD - float(slack[1])
 
 
@@ -104,26 +105,28 @@ def spef(routed: Routed, lef: Lef) -> str:
         parts = list(segments(tree))
         by_router = sum(capacitance for *_, capacitance, _ in parts)
         scale = total[name] / by_router if by_router else 0.0
-        pins = {number: pin for number, pin in ((n, p) for _, n, _, _, p in parts) if pin}
-        ends = {0: driver} | pins
+        named = {driver, *(pin for *_, pin in parts)}
+        lost = [pin for pin in routed.pins[name] if pin not in named]
+        ends = {0: driver}
+        for _, number, _, _, pin in parts:
+            if pin == "ERROR":
+                pin = lost.pop() if lost else None
+            if pin:
+                ends[number] = pin
         nodes = {number: _pin(pin) for number, pin in ends.items()}
         lines.append(f"\n*D_NET {name} {total[name]:.6g}\n*CONN")
-        for number, pin in ends.items():
-            port, out = pin.startswith("PIN/"), number == 0
-            direction = "O" if out != port else "I"
-            lines.append(f"{'*P' if port else '*I'} {nodes[number]} {direction}")
+        for pin in dict.fromkeys(ends.values()):
+            port = pin.startswith("PIN/")
+            direction = "O" if (pin == driver) != port else "I"
+            lines.append(f"{'*P' if port else '*I'} {_pin(pin)} {direction}")
         lines.append("*CAP")
-        caps = [(number, scale * capacitance) for _, number, _, capacitance, _ in parts]
-        lines += [
-            f"{k + 1} {nodes.get(number, f'{name}:{number}')} {value:.6g}"
-            for k, (number, value) in enumerate(caps)
-        ]
+        for _, number, _, capacitance, _ in parts:
+            node = nodes.get(number, f"{name}:{number}")
+            lines.append(f"{number} {node} {scale * capacitance:.6g}")
         lines.append("*RES")
-        lines += [
-            f"{k + 1} {nodes.get(parent, f'{name}:{parent}')} "
-            f"{nodes.get(number, f'{name}:{number}')} {ohm or 1e-3:.6g}"
-            for k, (parent, number, ohm, _, _) in enumerate(parts)
-        ]
+        for parent, number, ohm, *_ in parts:
+            both = (nodes.get(each, f"{name}:{each}") for each in (parent, number))
+            lines.append(f"{number} {' '.join(both)} {ohm or 1e-3:.6g}")
         lines.append("*END")
     return "\n".join([*lines, ""])
 

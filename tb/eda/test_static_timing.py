@@ -23,6 +23,7 @@ from splatcore.eda.cells.ways import ALONE_FO4, LONG_FO4, innermost, parts_of, s
 from splatcore.eda.cells.wires import (
     SIDE_SHARE,
     WIRE_LOAD,
+    WIRE_MARGIN,
     WIRE_NET,
     WIRE_OHM,
     WIRE_PF,
@@ -71,7 +72,7 @@ def test_path_time(library, wires):
     """Path time is clock to output, gate delays by load and slew, and setup."""
     netlist = put_together(library, {"": small_netlist()})
     assumed = Assumed.of(library, wires)
-    net, wire = (each * INPUT * wires for each in (WIRE_NET, WIRE_LOAD))
+    net, wire = (WIRE_MARGIN * each * INPUT * wires for each in (WIRE_NET, WIRE_LOAD))
     load = 1.2 * INPUT + net + wire
     time = through_two_gates(delay(0, load, first=LAUNCH), transition(load), net, wire)
     found = Timing(netlist, assumed, registers_only=True).longest
@@ -130,7 +131,7 @@ def test_a_net_between_parts(library):
     assumed = Assumed.of(library, True)
     repeater, length = assumed.repeater, SIDE_SHARE * netlist.area**0.5
     assert sorted(lengths_between(netlist))[-3:] == pytest.approx([0, length, length])
-    net, wire = WIRE_NET * INPUT, WIRE_LOAD * INPUT
+    net, wire = WIRE_MARGIN * WIRE_NET * INPUT, WIRE_MARGIN * WIRE_LOAD * INPUT
     (size,) = (size for size in SIZES if library.cells[f"BUF_{size:g}"].arcs[0] is repeater.arc)
 
     def through(slew: float, loads: float, sinks: int) -> tuple[float, float]:
