@@ -121,7 +121,7 @@ def test_every_picture_is_made_and_shown():
     files = {path.name for path in (ROOT / "docs/pictures").iterdir()}
     rule = make("-n", "pictures").stdout
     made = {*re.findall(r"docs/pictures/([\w-]+\.png)", rule), *(f"{key}.png" for key in PICTURES)}
-    assert files == made | {"view.png"}
+    assert files == made | {"view.png", "layout.png"}
     pages = "\n".join(page.read_text() for page in PAGES)
     assert files == {Path(name).name for name, _ in shown(pages)}
 
