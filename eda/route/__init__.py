@@ -1,4 +1,4 @@
 """Placed and routed parts: real wires, their capacitance, a picture of the layout.
 
-May import: spec, sim, hdl, eda, eda.cells, eda.gates.
+May import: spec, hdl, sim, eda, eda.cells.
 """
