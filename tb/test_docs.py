@@ -117,11 +117,11 @@ def test_a_wrong_picture_is_found(tmp_path):
 
 
 def test_every_picture_is_made_and_shown():
-    """`make pictures` makes every picture except the browser's; pages show all of them."""
+    """`make pictures` makes every picture except the browser's and the layout; pages show all of them."""
     files = {path.name for path in (ROOT / "docs/pictures").iterdir()}
     rule = make("-n", "pictures").stdout
     made = {*re.findall(r"docs/pictures/([\w-]+\.png)", rule), *(f"{key}.png" for key in PICTURES)}
-    assert files == made | {"view.png"}
+    assert files == made | {"view.png", "layout.png"}
     pages = "\n".join(page.read_text() for page in PAGES)
     assert files == {Path(name).name for name, _ in shown(pages)}
 

@@ -43,6 +43,18 @@ def synth_command(
         "With --liberty: leave out clock gates, which hold registers that are not enabled.",
         panel=CELLS,
     ),
+    route: bool = option(
+        False,
+        None,
+        "With --liberty: place and route each part (Debian's graywolf and qrouter).",
+        panel=CELLS,
+    ),
+    lef: str | None = option(
+        None,
+        "TECH,CELLS",
+        "With --route: LEF files of the technology and of the cells.",
+        panel=CELLS,
+    ),
     output: Path | None = option(
         None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
     ),
@@ -58,21 +70,36 @@ def synth_command(
     Assumptions: docs/silicon.md. With --check the exit status is 1 if a bit of a netlist is not
     proven equal to the RTL's; simulations of netlists against the golden model are tests.
 
+    With --route each part (up to some 6,600 cells) is placed and routed: length and capacitance of
+    its wires by fan-out, the longest path with their resistance and capacitance by OpenSTA, and
+    with -o a picture of each layout.
+
     top is the whole machine, part by part, checked for latches, loops, and wires with several
     drivers or none; with --liberty paths cross parts. The first run takes up to half an hour; parts
     are cached (see `splatcore cache`).
     """
     check_known("--stage", ("top", *PARTS), *stage)
-    given = {f"-o {output}": output, f"--process {process}": process, "--check": check or None}
-    given |= {"--no-clock-gates": no_clock_gates or None}
+    given = {
+        f"-o {output}": output,
+        f"--process {process}": process,
+        "--check": check or None,
+        "--no-clock-gates": no_clock_gates or None,
+        "--route": route or None,
+    }
     for words, value in given.items():
         if value is not None and liberty is None:
             raise InputError(f"{words}: goes with --liberty only")
+    if route != (lef is not None):
+        raise InputError("--route and --lef go together")
     facts = {"preset": config.name}
     if liberty is not None:
         from splatcore.eda.cells.silicon_tables import print_silicon
 
         facts |= print_silicon(config, stage, liberty, process, output, check, not no_clock_gates)
+        if lef is not None:
+            from splatcore.eda.route.route_tables import print_routes
+
+            facts["route"] = print_routes(config, stage, liberty, lef, output)
     else:
         if parts := [name for name in stage if name != "top"]:
             facts["stages"] = _synthesise_parts(config, parts)

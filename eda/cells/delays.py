@@ -77,11 +77,17 @@ def lookup(tables, number, slew, load):
 
 
 @njit(cache=True)
-def propagate(tables, delays, slew_tables, senses, first, arcs, ends, waiting, load, arrival, slew):
+def propagate(
+    tables, delays, slew_tables, senses, first, arcs, ends, waiting, load, kiloohm, far, repeater,
+    arrival, slew,
+):  # fmt: skip
     """Propagate arrivals and slews from the given nets to all nets.
 
     arcs, ends: kind and end net of each arc; the arcs of net n are first[n] … first[n + 1] − 1
     waiting: number of arcs that end at each net
+    kiloohm: of the wire of each net between parts; 0 for the others
+    far: [nets, 2] load of those nets' repeaters, by edge
+    repeater: arc of the repeaters
     arrival, slew: [nets, 2] by edge, updated in place
     Returns, for each net and edge, the arc and input edge of its latest arrival and the net where
     that path begins; and the number of nets reached.
@@ -100,6 +106,15 @@ def propagate(tables, delays, slew_tables, senses, first, arcs, ends, waiting, l
     while done < found:
         net = queue[done]
         done += 1
+        for edge in range(2):
+            if kiloohm[net] > 0 and arrival[net, edge] >= 0:
+                before = slew[net, edge]
+                arrival[net, edge] += kiloohm[net] * far[net, edge] / 2 + lookup(
+                    tables, delays[repeater, edge], before, far[net, edge]
+                )
+                slew[net, edge] = lookup(
+                    tables, slew_tables[repeater, edge], before, far[net, edge]
+                )
         for arc in range(first[net], first[net + 1]):
             kind, end = arcs[arc], ends[arc]
             for after in range(2):

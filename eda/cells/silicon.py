@@ -178,6 +178,14 @@ def long_paths(timing: Timing, fo4: float = LONG_FO4) -> list[dict]:
     return list(found.values())
 
 
+def ends_by_part(timing: Timing) -> dict[str, float]:
+    """FO4 of the longest path that ends in each part."""
+    found: dict[str, float] = {}
+    for row in long_paths(timing, 0.0):
+        found[row["to_part"]] = max(row["fo4"], found.get(row["to_part"], 0.0))
+    return found
+
+
 def part_at(end: tuple[str, str]) -> str:
     """The part that contains a register or memory; "port" for a port."""
     kind, name = end

@@ -16,16 +16,13 @@ from splatcore.eda.cells.silicon import (
     Placed,
     Silicon,
     area_28nm,
+    ends_by_part,
     long_paths,
     machine_silicon,
     silicon_of,
 )  # fmt: skip
-from splatcore.eda.cells.static_timing import (
-    MEMORY_ACCESS_FO4,
-    MEMORY_SETUP_FO4,
-    WIRE_INVERTERS,
-    Assumed,
-)
+from splatcore.eda.cells.static_timing import MEMORY_ACCESS_FO4, MEMORY_SETUP_FO4, Assumed
+from splatcore.eda.cells.wires import SIDE_SHARE, WIRE_LOAD, WIRE_MARGIN, WIRE_NET
 from splatcore.eda.deliver.verilog import constraints
 from splatcore.eda.gates.machine_gates import netlist, parts_table, whole
 from splatcore.eda.gates.macros import memory_size
@@ -59,17 +56,21 @@ PART_COLUMNS = (
     Column("buffers", digits=1, none=""),
     Column("FO4 alone", digits=1, get="fo4", none=""),
     Column("wires", digits=1, get="fo4_wires", none=""),
+    Column("in the machine", digits=1, get="fo4_machine", none=""),
     Column("paper", digits=0, none=""),
 )
 
 PATH_COLUMNS = (
-    Column(f"paths above {LONG_FO4} FO4", get=lambda row: f"{row['from_part']} → {row['to_part']}"),
+    Column("parts", get=lambda row: f"{row['from_part']} → {row['to_part']}"),
     Column("ends", digits=0),
     Column("FO4", digits=1, get="fo4"),
     Column("ps", digits=0),
     Column("from"),
     Column("to"),
 )
+
+WIRED_FO4 = 50
+"""Longest path with wires; longer paths are listed."""
 
 PATHS = ("longest", "between_registers", "longest_with_wires")
 
@@ -109,7 +110,8 @@ def print_silicon(
         if output is not None:
             make_folder(output)
             rows = [{"part": name} | row for name, row in facts["top"]["parts"].items()]
-            for name, table in {"parts": rows, "paths": facts["top"]["long_paths"]}.items():
+            tables = {"parts": rows, "paths": facts["top"]["long_paths"]}
+            for name, table in (tables | {"wired_paths": facts["top"]["wired_paths"]}).items():
                 write(output / f"top_{name}.csv", comma_separated(table).encode())
                 console.print(str(output / f"top_{name}.csv"), soft_wrap=True)
     facts["stages"] = {name: each.facts for name, each in found.items()}
@@ -150,7 +152,9 @@ def _print_stages(config: Config, library: Library, stages: dict[str, dict]):
         f"Corner: {about['corner']}. FO4 {about['fo4_ps']:.1f} ps, NAND2 "
         f"{about['nand2_um2']:g} um² ({about['nand2']}). ASSUMED: memories "
         f"{MEMORY_ACCESS_FO4} FO4 to their outputs and {MEMORY_SETUP_FO4} FO4 setup; with wires, "
-        f"{WIRE_INVERTERS} inverter input in addition per load; at 28 nm an FO4 of "
+        f"{WIRE_MARGIN:g} · ({WIRE_LOAD:g} per load − {-WIRE_NET:g}) inverter inputs "
+        f"in addition, and between parts "
+        f"{SIDE_SHARE:g} sides of their area behind a repeater; at 28 nm an FO4 of "
         f"{1000 * FO4_28NM[0]:.0f} to {1000 * FO4_28NM[1]:.0f} ps at the slow corner and "
         f"{UNCERTAINTY:.0%} of the period for skew and jitter, without wires. "
         f"The paper: {paper.CLOCK_HZ / 1e6:.0f} MHz."
@@ -169,14 +173,17 @@ def _print_machine(
 ) -> dict:
     """Print the machine's parts, slow paths across them, mm² at 28 nm; return them for JSON."""
     title = f"preset {config.name} in {library.name}"
-    parts_table(title, PART_COLUMNS, parts, partial(_row, library)).print()
+    whole_fo4 = ends_by_part(machine.wired)
+    parts_table(title, PART_COLUMNS, parts, partial(_row, library, whole_fo4)).print()
     cells, total = len(machine.netlist.kinds), sum(each.um2 for each in parts)
     _print(
         f"Assembled: {cells:,} cells, {machine.netlist.area:,.0f} um²; the sum of the parts is "
         f"{total:,.0f} um². Memories: {len(machine.netlist.memories)}."
     )
-    paths = long_paths(machine.timing)
-    Table.of("paths", "", PATH_COLUMNS, paths).print()
+    paths, wired = long_paths(machine.timing), long_paths(machine.wired, WIRED_FO4)
+    for kind, limit, rows in ("paths", LONG_FO4, paths), ("wired_paths", WIRED_FO4, wired):
+        wires = ", with wires" if rows is wired else ""
+        Table.of(kind, f"paths above {limit} FO4{wires}", PATH_COLUMNS, rows).print()
     sizes = (memory_size(module) for _, module, _ in machine.netlist.memories)
     kilobytes = sum(words * bits for words, bits in sizes) / 8 / KB
     mm2 = area_28nm(total / library.nand2.area, kilobytes)
@@ -190,10 +197,12 @@ def _print_machine(
                 "nand2": round(each.um2 / library.nand2.area, 1), "flip_flops": each.flip_flops,
                 "buffers": round(each.buffers, 4), "fo4": each.fo4 and round(each.fo4, 1),
                 "fo4_wires": each.fo4_wires and round(each.fo4_wires, 1),
+                "fo4_machine": whole_fo4.get(each.part.name),
             }
             for each in parts
         },
-        "um2": total, "long_paths": paths, "kilobytes": kilobytes, "area_28nm": mm2,
+        "um2": total, "long_paths": paths, "wired_paths": wired,
+        "kilobytes": kilobytes, "area_28nm": mm2,
     }  # fmt: skip
 
 
@@ -213,7 +222,9 @@ def _area_line(mm2: dict[str, float], kilobytes: float, process: float | None) -
     )
 
 
-def _row(library: Library, parts: list[Placed], theirs: int | None) -> dict:
+def _row(
+    library: Library, whole_fo4: dict[str, float], parts: list[Placed], theirs: int | None
+) -> dict:
     """A row of the table: sums, and what one part has alone."""
     um2, only = sum(each.um2 for each in parts), parts[0]
     alone = {"count": only.count, "buffers": f"{only.buffers:.1%}", "fo4": only.fo4}
@@ -221,6 +232,7 @@ def _row(library: Library, parts: list[Placed], theirs: int | None) -> dict:
     return {
         "um2": um2, "nand2": um2 / library.nand2.area, "paper": theirs,
         "flip_flops": sum(each.flip_flops for each in parts),
+        "fo4_machine": max(whole_fo4.get(each.part.name, 0) for each in parts) or None,
     } | (alone if len(parts) == 1 else dict.fromkeys(alone))  # fmt: skip
 
 

@@ -14,6 +14,15 @@ import numpy as np
 from splatcore.eda.cells.cell_netlist import CellNetlist
 from splatcore.eda.cells.delays import Arcs, fo4, propagate
 from splatcore.eda.cells.liberty import Library
+from splatcore.eda.cells.wires import (
+    WIRE_LOAD,
+    WIRE_MARGIN,
+    WIRE_NET,
+    WIRE_OHM,
+    WIRE_PF,
+    Repeater,
+    lengths_between,
+)  # fmt: skip
 
 MEMORY_ACCESS_FO4 = 16
 """From the clock to a memory's output in FO4, for all sizes. ASSUMED: 0.4 ns at 25 ps per FO4, like
@@ -21,11 +30,6 @@ a compiled memory of a few KB; a macro's data sheet has the real time."""
 
 MEMORY_SETUP_FO4 = 4
 """Setup time of a memory's inputs in FO4. ASSUMED, like the access time."""
-
-WIRE_INVERTERS = 1
-"""Wire capacitance per load, in inputs of the smallest inverter. ASSUMED, as it is unknown without
-a floorplan; similar to the wire load tables of open 130 nm libraries for blocks of 1,000 cells.
-Resistance is ignored."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,8 @@ class Assumed:
     launch, slew: of input ports, like a flip-flop with a load of four inverters; by edge
     setup, load: of output ports, like a flip-flop's input
     access, memory_setup: of memories
-    wire: capacitance per load
+    net_wire, load_wire: capacitance of a net's wires, per net and per load
+    repeater: at the beginning of nets between parts; None without wires
     """
 
     fo4: float
@@ -46,7 +51,9 @@ class Assumed:
     load: np.ndarray
     access: float
     memory_setup: float
-    wire: float
+    net_wire: float
+    load_wire: float
+    repeater: Repeater | None
 
     @classmethod
     def of(cls, library: Library, wires: bool = False) -> "Assumed":
@@ -56,6 +63,7 @@ class Assumed:
         launch = next(arc for arc in cell.arcs if arc.kind == "rising_edge")
         times = [arcs.delay(launch, edge, 0.0, 4 * inverter[edge]) for edge in range(2)]
         unit = fo4(library)
+        wire = WIRE_MARGIN * sum(inverter) / 2 if wires else 0.0
         setup = next(a for a in cell.arcs if a.kind == "setup_rising" and a.end == cell.data)
         return cls(
             fo4=unit,
@@ -65,7 +73,9 @@ class Assumed:
             load=np.array(cell.inputs[cell.data]),
             access=MEMORY_ACCESS_FO4 * unit,
             memory_setup=MEMORY_SETUP_FO4 * unit,
-            wire=WIRE_INVERTERS * sum(inverter) / 2 if wires else 0.0,
+            net_wire=WIRE_NET * wire,
+            load_wire=WIRE_LOAD * wire,
+            repeater=Repeater.of(library, unit) if wires else None,
         )
 
 
@@ -94,8 +104,10 @@ class Timing:
     def __init__(self, netlist: CellNetlist, assumed: Assumed, registers_only: bool = False):
         self.netlist, self.assumed, self.registers_only = netlist, assumed, registers_only
         self.library_arcs = Arcs(netlist.cell_kinds)
+        self.lengths = lengths_between(netlist) * (assumed.repeater is not None)
         self.begins: dict[int, tuple[str, str]] = {}
         self.load, self.fanout = self._loads()
+        self.far = self._repeated()
         self.arrival = np.full((netlist.nets, 2), -1.0)
         self.slew = np.zeros((netlist.nets, 2))
         if not registers_only:
@@ -107,18 +119,19 @@ class Timing:
         each = self.library_arcs
         self.cause, self.origin, found = propagate(
             each.arrays, each.delays, each.slews, each.senses, first, self.arcs[:, 2].copy(),
-            self.arcs[:, 1].copy(), waiting, self.load, self.arrival, self.slew,
+            self.arcs[:, 1].copy(), waiting, self.load, self.lengths * WIRE_OHM / 1000, *self.far,
+            self.arrival, self.slew,
         )  # fmt: skip
         if found < netlist.nets:
             raise ValueError(f"{netlist.nets - found} nets are in combinational loops")
 
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Capacitance of each net in pF [nets, 2], rising and falling, and its number of loads."""
-        netlist, wire = self.netlist, self.assumed.wire
+        netlist, assumed = self.netlist, self.assumed
         load, fanout = np.zeros((netlist.nets, 2)), np.zeros(netlist.nets, np.int64)
 
         def add(nets: np.ndarray, capacitance: np.ndarray | tuple[float, float]):
-            np.add.at(load, nets, np.asarray(capacitance) + wire)
+            np.add.at(load, nets, np.asarray(capacitance) + assumed.load_wire)
             np.add.at(fanout, nets, 1)
 
         for cell, _, nets in netlist.by_kind():
@@ -128,8 +141,20 @@ class Timing:
         ends = [port for port in netlist.ports if not port.is_input]
         ends += [p for *_, ports in netlist.memories for p in ports if p.is_input]
         for port in ends:
-            add(port.nets, self.assumed.load)
+            add(port.nets, assumed.load)
+        load += assumed.net_wire * (fanout > 0)[:, None]
         return load, fanout
+
+    def _repeated(self) -> tuple[np.ndarray, int]:
+        """Give drivers of nets between parts the load of a repeater; return the repeaters' loads
+        [nets, 2] and the number of their arc."""
+        far, repeater = np.zeros((self.netlist.nets, 2)), self.assumed.repeater
+        if repeater is None:
+            return far, 0
+        long = self.lengths > 0
+        far[long] = self.load[long] + WIRE_PF * self.lengths[long, None]
+        self.load[long] = repeater.load + self.assumed.net_wire + self.assumed.load_wire
+        return far, self.library_arcs.number[id(repeater.arc)]
 
     def _arcs_of(self, *kinds: str) -> np.ndarray:
         """All arcs of these kinds [arcs, 4]: begin net, end net, number of the arc, cell."""

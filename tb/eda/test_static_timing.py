@@ -15,12 +15,20 @@ from splatcore.eda.cells.silicon import Silicon, long_paths, part_at
 from splatcore.eda.cells.static_timing import (
     MEMORY_ACCESS_FO4,
     MEMORY_SETUP_FO4,
-    WIRE_INVERTERS,
     Assumed,
     Path,
     Timing,
 )
 from splatcore.eda.cells.ways import ALONE_FO4, LONG_FO4, innermost, parts_of, settled
+from splatcore.eda.cells.wires import (
+    SIDE_SHARE,
+    WIRE_LOAD,
+    WIRE_MARGIN,
+    WIRE_NET,
+    WIRE_OHM,
+    WIRE_PF,
+    lengths_between,
+)  # fmt: skip
 from tb.helpers.liberty import (
     AREA_FF,
     DATA,
@@ -28,6 +36,7 @@ from tb.helpers.liberty import (
     INPUT,
     LAUNCH,
     SETUP,
+    SIZES,
     delay,
     small_library,
     transition,
@@ -51,9 +60,9 @@ def small_netlist(memory: bool = False) -> Mapped:
     return Mapped(cells, blocks, ports, {"2": "a", "6": "b", "7": "c"})
 
 
-def through_two_gates(begin: float, slew: float, wire: float) -> float:
+def through_two_gates(begin: float, slew: float, net: float = 0.0, wire: float = 0.0):
     """End time in ns of a path through the gates of `small_netlist`, from its arrival and slew."""
-    middle, end = INPUT + DATA + 2 * wire, DATA + wire
+    middle, end = INPUT + DATA + net + 2 * wire, DATA + net + wire
     time = begin + delay(slew, middle, 1.2)
     return time + delay(transition(middle), end) + SETUP
 
@@ -63,9 +72,9 @@ def test_path_time(library, wires):
     """Path time is clock to output, gate delays by load and slew, and setup."""
     netlist = put_together(library, {"": small_netlist()})
     assumed = Assumed.of(library, wires)
-    wire = WIRE_INVERTERS * INPUT * wires
-    load = 1.2 * INPUT + wire
-    time = through_two_gates(delay(0, load, first=LAUNCH), transition(load), wire)
+    net, wire = (WIRE_MARGIN * each * INPUT * wires for each in (WIRE_NET, WIRE_LOAD))
+    load = 1.2 * INPUT + net + wire
+    time = through_two_gates(delay(0, load, first=LAUNCH), transition(load), net, wire)
     found = Timing(netlist, assumed, registers_only=True).longest
     assert found.time == pytest.approx(time)
     assert (found.begin, found.end) == (("register", "a"), ("register", "b"))
@@ -74,7 +83,7 @@ def test_path_time(library, wires):
     assert netlist.area == GATES["NAND2"][2] + GATES["INV"][2] + 3 * AREA_FF
 
     begin = delay(0, 4 * INPUT, first=LAUNCH)  # a port acts as a flip-flop driving four inverters
-    time = through_two_gates(begin, transition(4 * INPUT), wire)
+    time = through_two_gates(begin, transition(4 * INPUT), net, wire)
     longest = Timing(netlist, assumed).longest
     assert longest.time == pytest.approx(time) and longest.begin == ("port", "i")
 
@@ -88,7 +97,7 @@ def test_path_times_of_memories(library):
     access, setup = MEMORY_ACCESS_FO4 * unit, MEMORY_SETUP_FO4 * unit
     assert unit > 0 and access > 5 * LAUNCH / 3
     load = INPUT + DATA
-    stage = through_two_gates(access, unit, 0) - SETUP  # the inverter also drives a memory
+    stage = through_two_gates(access, unit) - SETUP  # the inverter also drives a memory
     assert ends["b"] == pytest.approx(stage + 5 * DATA + SETUP)
     assert ends["m"] == pytest.approx(stage + 5 * DATA + setup)
     assert timing.longest.begin == ("memory", "m") and load
@@ -108,6 +117,38 @@ def test_pieces_are_timed_as_one(library):
     times = [Timing(netlist, Assumed.of(library)).longest.time for netlist in (whole, parts)]
     assert times[0] == pytest.approx(times[1])
     assert "part.inverted" in parts.names.values()
+
+
+def test_a_net_between_parts(library):
+    """With wires, a net to another part goes through a repeater and a long wire, once."""
+    flat = small_netlist()
+    inner = Mapped(
+        [flat.cells[1]], [], [("a", "input", [4]), ("y", "output", [5])], {"5": "inverted"}
+    )
+    around = ("block", "part$3", [[4], [5]])
+    outer = Mapped([flat.cells[0], *flat.cells[2:]], [around], flat.ports, flat.names)
+    netlist = put_together(library, {"": outer, "part": inner})
+    assumed = Assumed.of(library, True)
+    repeater, length = assumed.repeater, SIDE_SHARE * netlist.area**0.5
+    assert sorted(lengths_between(netlist))[-3:] == pytest.approx([0, length, length])
+    net, wire = WIRE_MARGIN * WIRE_NET * INPUT, WIRE_MARGIN * WIRE_LOAD * INPUT
+    (size,) = (size for size in SIZES if library.cells[f"BUF_{size:g}"].arcs[0] is repeater.arc)
+
+    def through(slew: float, loads: float, sinks: int) -> tuple[float, float]:
+        """Delay of the repeater and the wire; slew."""
+        far = loads + net + sinks * wire + WIRE_PF * length
+        time = delay(slew, far, size=size) + WIRE_OHM / 1000 * length * far / 2
+        return time, transition(far, size)
+
+    near = size * INPUT + net + wire
+    begin = 1.2 * INPUT + net + wire
+    time = delay(0, begin, first=LAUNCH)
+    time += delay(transition(begin), near, 1.2)
+    first = through(transition(near), INPUT + DATA, 2)
+    time += first[0] + delay(first[1], near)
+    second = through(transition(near), DATA, 1)
+    found = Timing(netlist, assumed, registers_only=True).longest
+    assert found.time == pytest.approx(time + second[0] + SETUP)
 
 
 def test_a_register_that_is_read_inverted(tmp_path):
