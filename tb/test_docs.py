@@ -117,7 +117,7 @@ def test_a_wrong_picture_is_found(tmp_path):
 
 
 def test_every_picture_is_made_and_shown():
-    """`make pictures` makes every picture except the browser's and the layout; pages show all of them."""
+    """`make pictures` makes all except the browser's and the layout; pages show all."""
     files = {path.name for path in (ROOT / "docs/pictures").iterdir()}
     rule = make("-n", "pictures").stdout
     made = {*re.findall(r"docs/pictures/([\w-]+\.png)", rule), *(f"{key}.png" for key in PICTURES)}
