@@ -8,12 +8,12 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from splatcore.hdl.lib.record import layout
+from splatcore.hdl.raster.alpha import output_alpha
 from splatcore.hdl.raster.evaluate import log2_alpha_layout
 from splatcore.hdl.raster.mark import times
 from splatcore.hdl.raster.pixel_words import PixelWords
 from splatcore.spec.config import Config
 from splatcore.spec.convention import BLOCK
-from splatcore.spec.pixel import alpha_code
 from splatcore.spec.raster import (
     COLOURS,
     HALVING_BITS,
@@ -109,7 +109,7 @@ class Blend(wiring.Component):
         self._wait(m, asked, read, product)
         self._add(m, stages[-2], stages[-1], parts)
         if self.config.rgba:
-            self._alpha(m, words.found, stages)
+            output_alpha(m, self.config, self.o, words.found, stages)
         return m
 
     def _wait(self, m: Module, *stages: tuple):
@@ -311,18 +311,3 @@ class Blend(wiring.Component):
                 byte = (stored + (1 << config.sum_fraction - 9)) >> (config.sum_fraction - 8)
                 byte = Mux(byte[8:].any(), 255, byte[:8])
                 m.d.comb += self.o[pixel][channel].eq(Mux(taken.untouched, 0, byte))
-
-    def _alpha(self, m: Module, stored: data.View, stages: list[tuple]):
-        """Alpha of a block that is output: of its T before it is reset, in step with its colours.
-
-        stored: T of the block in the first of `stages`
-        """
-        bits = self.config.transmittance
-        alphas = Cat(alpha_code(self.config, pixel[:bits])[:8] for pixel in stored)
-        for number, _ in enumerate(stages[1:]):
-            held = Signal(len(alphas), name=f"alphas{number}", reset_less=True)
-            m.d.sync += held.eq(alphas)
-            alphas = held
-        _, last = stages[-1]
-        for pixel, o in enumerate(self.o):
-            m.d.comb += o[len(COLOURS)].eq(Mux(last.untouched, 0, alphas.word_select(pixel, 8)))

@@ -76,7 +76,7 @@ class Queues(NamedTuple):
 
 
 class State(NamedTuple):
-    """What changes in a group or is in flight."""
+    """State that changes in a group, and items in flight."""
 
     stale: np.ndarray  # [R, B] still to be output
     touched: np.ndarray  # [R, B] blended since
