@@ -1,5 +1,6 @@
 """The command `synth`: size and depth of the machine's parts."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from splatcore.app.cli.options import FOLDER, PRESET, command, listed, option, result
@@ -18,43 +19,65 @@ PARTS = STAGES | CONTROL | PRIMITIVES
 CELLS = "Standard cells"
 
 
-@command("synth")
-def synth_command(
-    stage: list[str] = option(..., "NAME", f"Part; may be repeated: top, {listed(PARTS)}."),
-    config: Config = PRESET,
+@dataclass(frozen=True)
+class Cells:
+    """The options of mapping to standard cells."""
+
     liberty: str | None = option(
         None,
         "FILE",
         "Map to the cells of a library (.lib, .lib.gz): area and longest paths.",
         panel=CELLS,
-    ),
+    )
     process: float | None = option(
         None, "NM", "Process of the library, for scaling its area to 28 nm.", min=1.0, panel=CELLS
-    ),
+    )
     check: bool = option(
         False,
         None,
         "With --liberty: prove that each netlist of cells is equivalent to its RTL.",
         panel=CELLS,
-    ),
+    )
     no_clock_gates: bool = option(
         False,
         None,
         "With --liberty: leave out clock gates, which hold registers that are not enabled.",
         panel=CELLS,
-    ),
+    )
     route: bool = option(
         False,
         None,
         "With --liberty: place and route each part (Debian's graywolf and qrouter).",
         panel=CELLS,
-    ),
+    )
     lef: str | None = option(
         None,
         "TECH,CELLS",
         "With --route: LEF files of the technology and of the cells.",
         panel=CELLS,
-    ),
+    )
+
+    def check_given(self, output: Path | None):
+        """Raise InputError, naming the option, if one lacks the option that it goes with."""
+        given = {
+            f"-o {output}": output,
+            f"--process {self.process}": self.process,
+            "--check": self.check or None,
+            "--no-clock-gates": self.no_clock_gates or None,
+            "--route": self.route or None,
+        }
+        for words, value in given.items():
+            if value is not None and self.liberty is None:
+                raise InputError(f"{words}: goes with --liberty only")
+        if self.route != (self.lef is not None):
+            raise InputError("--route and --lef go together")
+
+
+@command("synth")
+def synth_command(
+    cells: Cells,
+    stage: list[str] = option(..., "NAME", f"Part; may be repeated: top, {listed(PARTS)}."),
+    config: Config = PRESET,
     output: Path | None = option(
         None, FOLDER, "With --liberty: write netlists of cells, and scripts for OpenSTA."
     ),
@@ -79,27 +102,17 @@ def synth_command(
     are cached (see `splatcore cache`).
     """
     check_known("--stage", ("top", *PARTS), *stage)
-    given = {
-        f"-o {output}": output,
-        f"--process {process}": process,
-        "--check": check or None,
-        "--no-clock-gates": no_clock_gates or None,
-        "--route": route or None,
-    }
-    for words, value in given.items():
-        if value is not None and liberty is None:
-            raise InputError(f"{words}: goes with --liberty only")
-    if route != (lef is not None):
-        raise InputError("--route and --lef go together")
+    cells.check_given(output)
     facts = {"preset": config.name}
-    if liberty is not None:
+    if liberty := cells.liberty:
         from splatcore.eda.cells.silicon_tables import print_silicon
 
-        facts |= print_silicon(config, stage, liberty, process, output, check, not no_clock_gates)
-        if lef is not None:
+        gated = not cells.no_clock_gates
+        facts |= print_silicon(config, stage, liberty, cells.process, output, cells.check, gated)
+        if cells.lef is not None:
             from splatcore.eda.route.route_tables import print_routes
 
-            facts["route"] = print_routes(config, stage, liberty, lef, output)
+            facts["route"] = print_routes(config, stage, liberty, cells.lef, output)
     else:
         if parts := [name for name in stage if name != "top"]:
             facts["stages"] = _synthesise_parts(config, parts)

@@ -108,13 +108,10 @@ def propagate(
         done += 1
         for edge in range(2):
             if kiloohm[net] > 0 and arrival[net, edge] >= 0:
-                before = slew[net, edge]
-                arrival[net, edge] += kiloohm[net] * far[net, edge] / 2 + lookup(
-                    tables, delays[repeater, edge], before, far[net, edge]
-                )
-                slew[net, edge] = lookup(
-                    tables, slew_tables[repeater, edge], before, far[net, edge]
-                )
+                away, before = far[net, edge], slew[net, edge]
+                arrival[net, edge] += kiloohm[net] * away / 2
+                arrival[net, edge] += lookup(tables, delays[repeater, edge], before, away)
+                slew[net, edge] = lookup(tables, slew_tables[repeater, edge], before, away)
         for arc in range(first[net], first[net + 1]):
             kind, end = arcs[arc], ends[arc]
             for after in range(2):
