@@ -10,7 +10,7 @@ from pathlib import Path
 from splatcore.eda.cells.cell_netlist import CellNetlist
 from splatcore.eda.route.lef import Lef
 from splatcore.eda.template import filled
-from splatcore.sim.common.cache import kept_folder
+from splatcore.spec.cache import kept_folder
 from splatcore.spec.error import InputError
 
 SCRIPTS = Path("/usr/lib/qflow/scripts")

@@ -47,7 +47,7 @@ class Rasterizer(wiring.Component):
     finished_places = Finished
     """Component that holds finished blocks."""
 
-    def __init__(self, config: Config, number: int):
+    def __init__(self, config: Config, number: int, lane_ports: dict | None = None):
         self.config, self.number, self.own = config, number, raster.owned(config, number)
         self.tiles = config.group**2
         self.blocks = self.tiles * len(self.own)
@@ -71,7 +71,7 @@ class Rasterizer(wiring.Component):
             "blended": Out(1),  # a block enters the lanes
             "waited": Out(1),  # no block enters the lanes although the group has not ended
         }
-        super().__init__(ports | self._lane_ports())
+        super().__init__(ports | (lane_ports or {}))  # to lanes outside
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -94,10 +94,6 @@ class Rasterizer(wiring.Component):
         self._issue(m)
         self._lanes(m)
         return m
-
-    def _lane_ports(self) -> dict:
-        """Ports to lanes outside."""
-        return {}
 
     def _blender(self, m: Module):
         """Add the lanes."""

@@ -11,6 +11,7 @@ from splatcore.hdl.raster.quads import Quad, operation_layout, quad_of
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.spec.config import Config
 from splatcore.spec.quads import QUADS, ended_level, halvings_min, quad_pixels
+from splatcore.spec.raster import block_count
 
 
 class Feeder(Rasterizer):
@@ -27,25 +28,26 @@ class Feeder(Rasterizer):
     finished_places = FinishedQuads
 
     def __init__(self, config: Config, number: int):
-        super().__init__(config, number)
-        self.number_at_lanes = Signal(range(self.blocks))  # the block that reaches the lanes
-        self.found = Signal()  # its level is known
-        self.ended, self.reached = Signal(), Signal(self.levels)
-
-    def _lane_ports(self) -> dict:
-        number, level = range(self.blocks), range(ended_level(self.config) + 1)
-        return {
+        block, level = (
+            range(block_count(config) // config.rasterizers),
+            range(ended_level(config) + 1),
+        )
+        ports = {
             # all ports once per quad, row by row
-            "operations": Out(stream.Signature(operation_layout(self.config))).array(QUADS),
+            "operations": Out(stream.Signature(operation_layout(config))).array(QUADS),
             "looks": Out(1),  # request the quads' levels
-            "look_block": Out(number),  # of this block
+            "look_block": Out(block),  # of this block
             "parity": Out(1),  # of the group
             "quad_level": In(level).array(QUADS),  # a cycle later; 0 if not known
             "busy": In(QUADS),  # operations wait or are in flight
             "given": In(1).array(QUADS),  # a quad of the previous group comes
-            "given_block": In(number).array(QUADS),  # of this block
-            "given_pixels": In(quad_layout(self.config)).array(QUADS),  # its pixels
+            "given_block": In(block).array(QUADS),  # of this block
+            "given_pixels": In(quad_layout(config)).array(QUADS),  # its pixels
         }
+        super().__init__(config, number, ports)
+        self.number_at_lanes = Signal(range(self.blocks))  # the block that reaches the lanes
+        self.found = Signal()  # its level is known
+        self.ended, self.reached = Signal(), Signal(self.levels)
 
     def _blender(self, m: Module):
         m.d.comb += self.parity.eq(self.group[0])

@@ -285,7 +285,7 @@ def test_row_end_equals_golden():
     edges = (given["low"] - margin == given["lean"], given["high"] + margin == given["lean"])
     assert all((edge & (given["box"] == 0)).sum() > 100 for edge in edges)
     late = {"shear": SHEAR_AT, "slope": SLOPE_AT, "half_width": WIDTH_AT}
-    constants = {}
+    constants = {"passing": np.full(count + LATENCY, (1 << LATENCY) - 1, np.uint64)}
     for name, values in given.items():
         width = len(getattr(row_end, name))
         codes = np.zeros(count + LATENCY, np.uint64)

@@ -23,6 +23,7 @@ import ast
 import inspect
 import re
 import textwrap
+from dataclasses import replace
 from importlib import import_module
 from pkgutil import walk_packages
 
@@ -33,19 +34,23 @@ from splatcore import hdl
 from splatcore.hdl.binning import list_writer
 from splatcore.hdl.lib import stream as streams
 from splatcore.hdl.memory import axi, fetch
-from splatcore.hdl.raster import raster, rasterizer
+from splatcore.hdl.raster import quads, raster, rasterizer, shared
 from splatcore.hdl.sorting import cascade, sorter
 from splatcore.spec.config import TINY
 
 PREFIX = f"{hdl.__name__}."
+
+IN_QUADS = replace(TINY, lanes="quads", rasterizers=2)
 
 INTERNAL = {
     axi.Axi: lambda: axi.Axi(TINY),
     cascade.Pair: lambda: cascade.Pair(TINY, 4),
     fetch.Fetch: lambda: fetch.Fetch(TINY, 16, 8),
     list_writer.ListWriter: lambda: list_writer.ListWriter(TINY),
+    quads.Quad: lambda: quads.Quad(IN_QUADS),
     raster.Raster: lambda: raster.Raster(TINY),
     rasterizer.Rasterizer: lambda: rasterizer.Rasterizer(TINY, 0),
+    shared.Feeder: lambda: shared.Feeder(IN_QUADS, 0),
     sorter.Sorter: lambda: sorter.Sorter(TINY),
     streams.Fork: lambda: streams.Fork(8, 2),
     streams.Queue: lambda: streams.Queue(8, 4),
