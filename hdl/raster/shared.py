@@ -28,10 +28,7 @@ class Feeder(Rasterizer):
     finished_places = FinishedQuads
 
     def __init__(self, config: Config, number: int):
-        block, level = (
-            range(block_count(config) // config.rasterizers),
-            range(ended_level(config) + 1),
-        )
+        block, level = range(block_count(config)), range(ended_level(config) + 1)
         ports = {
             # all ports once per quad, row by row
             "operations": Out(stream.Signature(operation_layout(config))).array(QUADS),
