@@ -9,9 +9,10 @@ block load in every cycle.
 
 import re
 
+from splatcore.sim.rtl.convert import MODULE
+
 SUFFIX = "$loads"
 
-MODULE = re.compile(r"^module .*?^endmodule$", re.M | re.S)
 NAME = r"(?:\\\S+ |\w+)"
 FLIP_FLOP = re.compile(rf"^  always @\(posedge clk\)\n    ({NAME}) *<= (.*?) *;$", re.M)
 DECLARED = re.compile(r"^  reg ({0}|\[\d+:0\] {0})(?= = |;)".replace("{0}", NAME), re.M)

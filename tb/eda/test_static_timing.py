@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from splatcore.eda.cells import ways as module
-from splatcore.eda.cells.cell_netlist import CONSTANTS, put_together
+from splatcore.eda.cells.cell_netlist import CONSTANTS, CellNetlist, put_together
 from splatcore.eda.cells.delays import fo4
 from splatcore.eda.cells.liberty_file import read_liberty
 from splatcore.eda.cells.mapping import Mapped
@@ -103,16 +103,22 @@ def test_path_times_of_memories(library):
     assert timing.longest.begin == ("memory", "m") and load
 
 
-def test_pieces_are_timed_as_one(library):
-    """A path through a separate block has the same time as in one flat netlist."""
+def in_two_parts(library) -> CellNetlist:
+    """The small netlist with its second cell in a part of its own."""
     flat = small_netlist()
     inner = Mapped(
         [flat.cells[1]], [], [("a", "input", [4]), ("y", "output", [5])], {"5": "inverted"}
     )
     around = ("block", "part$3", [[4], [5]])
     outer = Mapped([flat.cells[0], *flat.cells[2:]], [around], flat.ports, flat.names)
+    return put_together(library, {"": outer, "part": inner})
+
+
+def test_pieces_are_timed_as_one(library):
+    """A path through a separate block has the same time as in one flat netlist."""
+    flat = small_netlist()
     whole = put_together(library, {"": flat})
-    parts = put_together(library, {"": outer, "part": inner})
+    parts = in_two_parts(library)
     assert parts.area == whole.area and len(parts.kinds) == len(whole.kinds)
     times = [Timing(netlist, Assumed.of(library)).longest.time for netlist in (whole, parts)]
     assert times[0] == pytest.approx(times[1])
@@ -121,13 +127,7 @@ def test_pieces_are_timed_as_one(library):
 
 def test_a_net_between_parts(library):
     """With wires, a net to another part goes through a repeater and a long wire, once."""
-    flat = small_netlist()
-    inner = Mapped(
-        [flat.cells[1]], [], [("a", "input", [4]), ("y", "output", [5])], {"5": "inverted"}
-    )
-    around = ("block", "part$3", [[4], [5]])
-    outer = Mapped([flat.cells[0], *flat.cells[2:]], [around], flat.ports, flat.names)
-    netlist = put_together(library, {"": outer, "part": inner})
+    netlist = in_two_parts(library)
     assumed = Assumed.of(library, True)
     repeater, length = assumed.repeater, SIDE_SHARE * netlist.area**0.5
     assert sorted(lengths_between(netlist))[-3:] == pytest.approx([0, length, length])
