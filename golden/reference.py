@@ -7,6 +7,7 @@ Source of the formulas: Kerbl et al. 2023 (3DGS) and Zwicker et al. 2001 (EWA sp
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Splats:
     def __getitem__(self, keep) -> "Splats":
         return Splats(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
-    @property
+    @cached_property
     def extent(self) -> np.ndarray:
         """Half-widths [M, 2] of the box around the pixels with alpha ≥ alpha_min."""
         return np.sqrt(np.maximum(self.reach, 0)[:, None] * self.covariance[:, [0, 2]])

@@ -26,6 +26,9 @@ def scale_command(
     against: str | None = option(
         None, "DIR", "Also measure another checkout of this repository, in turn; print the ratios."
     ),
+    against_most: int | None = option(
+        None, "N", "Largest scene of --against, in Gaussians. Default: all scenes."
+    ),
 ):
     """Measure time and memory of commands on scenes of many sizes.
 
@@ -40,7 +43,7 @@ def scale_command(
     chosen = asked[0] or scale.COUNTS, asked[1] or scale.DEGREES
     other = None if against is None else Path(against)
     make_folder(output)
-    facts = scale.bench_scale(*chosen, pixels, other, output)
+    facts = scale.bench_scale(*chosen, pixels, other, output, against_most)
     scale.table(facts).print()
     scale.needs_table(facts).print()
     finish(output / "scale.json", facts)

@@ -56,13 +56,17 @@ INCHES, DOTS_PER_INCH = (9.0, 7.0), 120
 
 
 def bench_scale(
-    counts: Sequence[int], degrees: Sequence[int], size: str, other: Path | None, folder: Path
-) -> dict:
-    """Measure all scenes; write scale.csv and scale.png, and return the content of scale.json."""
+    counts: Sequence[int], degrees: Sequence[int], size: str, other: Path | None, folder: Path,
+    most: int | None = None,
+) -> dict:  # fmt: skip
+    """Measure all scenes; write scale.csv and scale.png, and return the content of scale.json.
+
+    The other checkout is measured on scenes of up to `most` Gaussians, if given.
+    """
     checkouts = [Checkout()] + ([Checkout(other.absolute())] if other else [])
     for checkout in checkouts:
         _ = checkout.words  # raises InputError for a folder without one
-    rows = list(measured(counts, degrees, size, checkouts, folder))
+    rows = list(measured(counts, degrees, size, checkouts, folder, most))
     found = facts(Scale(
         size=size, against=str(other) if other else None, rows=rows, needs=needs(rows),
         failed=[
@@ -79,7 +83,7 @@ def bench_scale(
 
 def measured(
     counts: Sequence[int], degrees: Sequence[int], size: str, checkouts: list[Checkout],
-    folder: Path,
+    folder: Path, most: int | None,
 ) -> Iterator[ScaleRow]:  # fmt: skip
     """Generate each scene in a temporary folder and yield a row for each command."""
     scenes = [(WARM, degrees[0]), *((count, degree) for degree in degrees for count in counts)]
@@ -90,7 +94,8 @@ def measured(
             with TemporaryDirectory(dir=folder.absolute(), prefix=".splatcore") as place:
                 names = iter(("scene", *COMMANDS, ""))
                 advance(_percent(before, total), 100, f"{about}: {next(names)}")
-                rows = of_scene(Path(place), count, degree, size, checkouts)
+                both = checkouts[: 1 if most and count > most else None]
+                rows = of_scene(Path(place), count, degree, size, both)
                 for turn, row in enumerate(rows, 1):
                     done = before + (count + FIXED) * turn / (1 + len(COMMANDS))
                     advance(_percent(done, total), 100, f"{about}: {next(names)}")

@@ -66,11 +66,14 @@ def test_a_scene_that_cannot_be_generated_is_one_row(few, monkeypatch):
 
 def test_the_same_checkout_is_as_fast(few, capsys):
     """The repository itself as the other checkout: with a ratio for what works."""
-    assert run(f"bench scale -o out --counts 2000 --degrees 1 --against {ROOT}") == 1
-    _, info, golden = load(Path("out/scale.json"))["rows"]
+    words = f"-o out --counts 2000,2001 --degrees 1 --against {ROOT} --against-most 2000"
+    assert run(f"bench scale {words}") == 1
+    _, info, golden, *larger = load(Path("out/scale.json"))["rows"]
     assert info["against"]["why"] == "" and golden["against"]["why"] == golden["cost"]["why"] != ""
     assert 0.2 < info["cpu_ratio"] < 5 and 0.8 < info["peak_ratio"] < 1.25
     assert golden["cpu_ratio"] is golden["peak_ratio"] is None
+    assert [row["gaussians"] for row in larger] == [2001] * 3
+    assert not any("against" in row for row in larger)
     assert "CPU ratio" in capsys.readouterr().out
 
 
