@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from splatcore.app.cli import options
+from splatcore.app.cli.background import Background
 from splatcore.app.cli.options import option
 from splatcore.sim.common.choice import check_known
 from splatcore.sim.common.output import console, progress_bar
@@ -63,6 +64,7 @@ def write_command(
 @options.command("board render")
 def render_command(
     view: options.Viewing,
+    background: Background,
     scene: str = options.SOURCE,
     output: Path = option(..., "OUT.png", "Picture to write."),
     board: str = option(..., "DIR", "Folder written by `board write`.", panel=BOARD),
@@ -76,7 +78,7 @@ def render_command(
     from splatcore.eda.board.host import Host, read_board
 
     config, facts = read_board(board)
-    shot = view.open(scene, config=config)
+    shot = view.open(scene, **background.shot(config, "rtl"))
     shot.check_fits()
     from splatcore.sim.frame import engines
 

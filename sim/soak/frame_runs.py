@@ -64,9 +64,12 @@ def drawn(seed: int, number: int) -> Drawn:
     used = [int(k) for k in rng.integers(count, size=FRAMES)]
     codes = 1 << config.colour_fraction
     jobs = [
-        Job(models[k], draw.camera(rng, config), tuple(map(int, rng.integers(codes, size=3))))
+        Job(
+            models[k], draw.camera(rng, config), tuple(map(int, rng.integers(codes, size=3))),
+            config.rgba and bool(rng.integers(2)),
+        )
         for k in used
-    ]
+    ]  # fmt: skip
     return Drawn(name, scenes, qualities, used, jobs, draw.timing(rng))
 
 
@@ -110,7 +113,7 @@ def keep(folder: Path, seed: int, number: int):
     (folder / "cameras.json").write_text(cameras_json(cameras))
     lines = [f"machine {made.machine}", f"memory {made.timing}"]
     lines += [
-        f"frame {k}: scene {scene}, background {job.background}"
+        f"frame {k}: scene {scene}, background {job.background}, alpha {job.rgba}"
         for k, (scene, job) in enumerate(zip(made.used, made.jobs, strict=True))
     ]
     (folder / "run.txt").write_text("\n".join(lines) + "\n")

@@ -106,8 +106,8 @@ def test_alpha(rgba):
         assert levels[0] and levels[255] and np.count_nonzero(levels) > 100
 
 
-@pytest.mark.verify
-@pytest.mark.parametrize("stall", [0, 0.3])
+@pytest.mark.slow
+@pytest.mark.parametrize("stall", [0, pytest.param(0.3, marks=pytest.mark.verify)])
 def test_quads(stall):
     """Lanes in quads: cut images, backgrounds, alpha, groups in a row with many, few and no splats
     (levels and places of the group before), and pixels that end."""

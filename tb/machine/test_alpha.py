@@ -8,7 +8,7 @@ from tb.helpers.configs import ALPHA
 from tb.helpers.machines import check, garden, view
 
 
-@pytest.mark.verify
+@pytest.mark.slow
 def test_formats_in_turn():
     """With alpha, and with a background, which frames with alpha ignore; groups without splats."""
     jobs = [

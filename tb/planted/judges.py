@@ -2,7 +2,7 @@
 
 Sets of tests run one after the other until one catches the fault: quick tests of the part, the
 testbench of its stage, small frames and injected faults of the whole machine, two frames of
-`DEFAULT`, and a machine with 64-bit addresses if the file has logic for them.
+`DEFAULT`, and machines with 64-bit addresses or with alpha if the file has logic for them.
 """
 
 from tb.stages.points import PARTS
@@ -13,9 +13,11 @@ MACHINE = (
 )
 DEFAULT = "tb/machine/test_machine_default.py -k garden"
 WIDE = "tb/machine/test_wide_addresses.py"
+ALPHA = "tb/hdl/test_raster.py tb/machine/test_alpha.py -k alpha"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 SMALL = "tb/hdl/test_points.py -k 'small or (stages and {})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
+QUADS = "tb/hdl/test_raster.py -k quads"
 MASTER = (
     "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
     "-k 'every_cycle or comes_first or patient or does_not_answer or (proved and axi_master)'"
@@ -65,14 +67,18 @@ QUICK = {
     "points/place": SMALL.format("place"),
     "points/slots": SMALL.format("project"),
     "raster": BLENDED,
+    "raster/alpha": ALPHA,
     "raster/features": "tb/hdl/test_stream.py -k unrequested",
     "raster/finished": "tb/hdl/test_finished.py",
+    "raster/finished_quads": "tb/hdl/test_finished.py -k quads",
     "raster/groups": "tb/hdl/test_groups.py",
     "raster/list_reader": "",
     "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
+    "raster/quads": QUADS,
     "raster/render": "",
     "raster/setup": "tb/hdl/test_raster.py -k 'tiles or other_end'",
+    "raster/shared": QUADS,
     "registers": "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
     "-k 'registers or (proved and (axi_lite or host))'",
     "sorting": "tb/hdl/test_sort.py -k 'tiny or TINY or counters or stop'",
@@ -135,13 +141,19 @@ ADDRESSES = (
 )  # fmt: skip
 """Files with logic for 64-bit addresses, judged last by a machine that has them."""
 
+WITH_ALPHA = (
+    "frame", "points/check", "raster/alpha", "raster/blend", "raster/finished", "raster/job",
+    "raster/pixels", "raster/span_data", "raster/spans",
+)  # fmt: skip
+"""Files with logic for alpha, judged last by parts and a machine that have it."""
+
 
 def judges(file: str) -> list[str]:
     """The sets of tests for a file such as `points/cull`, in order, as arguments of pytest."""
     benches = "".join(f" tb/stages/test_stages.py::test_stage[verilator-{name}]"
                       for name in found(BENCHES, file))  # fmt: skip
     order = [found(QUICK, file), benches.strip(), found(LAST, file), MACHINE, DEFAULT]
-    order += [WIDE] * (file in ADDRESSES)
+    order += [WIDE] * (file in ADDRESSES) + [ALPHA] * (file in WITH_ALPHA)
     return list(dict.fromkeys(filter(None, order)))
 
 

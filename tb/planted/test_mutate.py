@@ -20,6 +20,7 @@ from tb.planted.judges import (
     MACHINE,
     QUICK,
     WIDE,
+    WITH_ALPHA,
     judges,
 )
 from tb.planted.mutate import HDL, judged, verdict
@@ -168,7 +169,7 @@ def test_judges():
     assert cull[2:] == [LAST["points"], MACHINE, DEFAULT]
     assert judges("top")[-3:] == [MACHINE, DEFAULT, WIDE]
     assert judges("sorting/merge")[0] == QUICK["sorting"]
-    for name in {*QUICK, *BENCHES, *LAST, *ADDRESSES}:
+    for name in {*QUICK, *BENCHES, *LAST, *ADDRESSES, *WITH_ALPHA}:
         assert (HDL / name).is_dir() or (HDL / f"{name}.py").is_file(), name
 
 

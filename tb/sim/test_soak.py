@@ -30,6 +30,7 @@ def test_machines_are_of_all_kinds():
         "group": {1, 2, 4},
         "sub_sorters": {1, 2, 4},
         "port": {128, 256},
+        "rgba": {False, True},
     }.items():
         assert {getattr(config, name) for config in MACHINES.values()} >= values, name
     assert max(config.width_max for config in MACHINES.values()) == 4096
