@@ -165,6 +165,7 @@ class Library:
     text: contents of its file
     corner: process, voltage and temperature as text
     voltage: V
+    capacitance: pF per unit of capacitance in its text
     gates_clocks: whether synthesis may choose its clock gates
     """
 
@@ -173,6 +174,7 @@ class Library:
     corner: str
     voltage: float
     cells: dict[str, Cell]
+    capacitance: float = 1.0
     gates_clocks: bool = True
 
     def smallest(self, *truth: int) -> Cell | None:

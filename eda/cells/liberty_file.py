@@ -105,7 +105,8 @@ class Reader:
         """Build the library. text: contents of the file."""
         cells = {group.names[0]: self.cell(group) for group in self.group.of_kind("cell")}
         voltage = self.group.number("nom_voltage")
-        return Library(self.group.names[0], text, self.corner(), voltage, cells)
+        name, corner = self.group.names[0], self.corner()
+        return Library(name, text, corner, voltage, cells, self.capacitance)
 
     def corner(self) -> str:
         """Process, voltage and temperature of the default operating conditions, as text."""

@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass
 
 from splatcore.eda.cells.liberty import Library
+from splatcore.eda.cells.wire_load import with_wire_loads
 from splatcore.eda.gates.synth import UNMAPPED, Netlist, with_clock_gates
 
 MAP = (
@@ -17,8 +18,6 @@ write_json mapped.json
 """
 )
 
-FANOUT_MAX = 8
-
 PASS = """\
 st
 if -g -C 24 -K 6
@@ -28,23 +27,24 @@ map -B 0.9
 """
 """Balances logic (`if -g`), then maps it."""
 
-SIZES = f"""\
+SIZES = """\
 topo
-buffer -p -N {FANOUT_MAX}
-upsize -D 1
-dnsize -D 1
+buffer -p -N {fanout}
+upsize -c -D 1
+dnsize -c -D 1
 """
 """`buffer -p -N` adds buffer trees to nets with a larger fan-out, registers (-p) included (`buffer
--c` would buffer every gate of a critical path). The target of 1 ps is never reached, so that sizing
-does all it can to shorten paths."""
+-c` would buffer every gate of a critical path). Sizes are chosen with wires (-c). The target of
+1 ps is never reached, so that sizing does all it can to shorten paths."""
 
-PASSES = 2
-"""Passes of balancing and mapping; each begins with the gates of the previous one."""
+EFFORTS = (2, 8), (2, 4), (3, 4)
+"""Passes of balancing and mapping, and largest fan-out; in this order until a part is fast enough.
+Each pass begins with the gates of the previous one."""
 
 
-def recipe(passes: int) -> str:
-    """Script for ABC with a number of passes of balancing and mapping."""
-    return "\nstrash\nifraig\n" + passes * PASS + SIZES
+def recipe(passes: int, fanout: int) -> str:
+    """Script for ABC. passes, fanout: as in `EFFORTS`"""
+    return "\nstrash\nifraig\n" + passes * PASS + SIZES.format(fanout=fanout)
 
 
 SUMS = ("", "-booth", "-extra-map +/choices/kogge-stone.v")
@@ -75,16 +75,19 @@ class Mapped:
     names: dict[str, str]
 
 
-def mapped(netlist: Netlist, library: Library, sums: str = "", passes: int = PASSES) -> Mapped:
+def mapped(
+    netlist: Netlist, library: Library, sums: str = "", effort: tuple[int, int] = EFFORTS[0]
+) -> Mapped:
     """Map a netlist to a library's cells; results are cached.
 
     sums: one of `SUMS`
-    passes: of balancing and mapping
+    effort: one of `EFFORTS`
     """
     left_out = " ".join(f"-dont_use {name}" for name in library.left_out())
     load = 1000 * sum(library.flip_flop.inputs[library.flip_flop.data]) / 2
     constraints = CONSTRAINTS.format(driver=library.driver.name, load=load)
-    files = {"cells.lib": library.text, "recipe": recipe(passes), "constraints": constraints}
+    files = {"cells.lib": with_wire_loads(library), "recipe": recipe(*effort)}
+    files["constraints"] = constraints
     pins = {cell.name: (*cell.inputs, *cell.functions) for cell in library.cells.values()}
     script = MAP.format(left_out=left_out, sums=sums)
     if gate := library.clock_gate:

@@ -22,7 +22,9 @@ from splatcore.eda.cells.silicon import (
     silicon_of,
 )  # fmt: skip
 from splatcore.eda.cells.static_timing import MEMORY_ACCESS_FO4, MEMORY_SETUP_FO4, Assumed
-from splatcore.eda.cells.wires import SIDE_SHARE, WIRE_LOAD, WIRE_MARGIN, WIRE_NET
+from splatcore.eda.cells.ways import WIRED_FO4
+from splatcore.eda.cells.wire_load import WIRE_LOAD, WIRE_MARGIN, WIRE_NET
+from splatcore.eda.cells.wires import SIDE_SHARE
 from splatcore.eda.deliver.verilog import constraints
 from splatcore.eda.gates.machine_gates import netlist, parts_table, whole
 from splatcore.eda.gates.macros import memory_size
@@ -68,9 +70,6 @@ PATH_COLUMNS = (
     Column("from"),
     Column("to"),
 )
-
-WIRED_FO4 = 50
-"""Longest path with wires; longer paths are listed."""
 
 PATHS = ("longest", "between_registers", "longest_with_wires")
 

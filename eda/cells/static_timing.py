@@ -14,15 +14,8 @@ import numpy as np
 from splatcore.eda.cells.cell_netlist import CellNetlist
 from splatcore.eda.cells.delays import Arcs, fo4, propagate
 from splatcore.eda.cells.liberty import Library
-from splatcore.eda.cells.wires import (
-    WIRE_LOAD,
-    WIRE_MARGIN,
-    WIRE_NET,
-    WIRE_OHM,
-    WIRE_PF,
-    Repeater,
-    lengths_between,
-)  # fmt: skip
+from splatcore.eda.cells.wire_load import wire_capacitance
+from splatcore.eda.cells.wires import WIRE_OHM, WIRE_PF, Repeater, lengths_between
 
 MEMORY_ACCESS_FO4 = 16
 """From the clock to a memory's output in FO4, for all sizes. ASSUMED: 0.4 ns at 25 ps per FO4, like
@@ -63,7 +56,7 @@ class Assumed:
         launch = next(arc for arc in cell.arcs if arc.kind == "rising_edge")
         times = [arcs.delay(launch, edge, 0.0, 4 * inverter[edge]) for edge in range(2)]
         unit = fo4(library)
-        wire = WIRE_MARGIN * sum(inverter) / 2 if wires else 0.0
+        net_wire, load_wire = wire_capacitance(library) if wires else (0.0, 0.0)
         setup = next(a for a in cell.arcs if a.kind == "setup_rising" and a.end == cell.data)
         return cls(
             fo4=unit,
@@ -73,8 +66,8 @@ class Assumed:
             load=np.array(cell.inputs[cell.data]),
             access=MEMORY_ACCESS_FO4 * unit,
             memory_setup=MEMORY_SETUP_FO4 * unit,
-            net_wire=WIRE_NET * wire,
-            load_wire=WIRE_LOAD * wire,
+            net_wire=net_wire,
+            load_wire=load_wire,
             repeater=Repeater.of(library, unit) if wires else None,
         )
 

@@ -1,4 +1,4 @@
-"""Wires before a layout: capacitance within parts by fan-out, length between parts."""
+"""Wires of nets between parts before a layout: an assumed length, and a repeater."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,6 @@ import numpy as np
 from splatcore.eda.cells.cell_netlist import CellNetlist
 from splatcore.eda.cells.delays import Arcs
 from splatcore.eda.cells.liberty import Arc, Library
-
-WIRE_NET, WIRE_LOAD = -0.45, 0.60
-"""Wire capacitance of a net within a part, in inputs of the smallest inverter: per net, and per
-load. Least-squares fit of the nets of two routed parts by `splatcore synth --route`, an adder of
-1,744 cells and the codebook with 2,351: docs/silicon.md."""
-
-WIRE_MARGIN = 1.25
-"""Factor of all wires: with it the longest paths of both parts take the time that OpenSTA finds
-with routed wires, within 0.6 %. Their nets are longer than the mean, and have resistance."""
 
 SIDE_SHARE = 0.5
 """Length of a net between parts, in sides of a square with the area of the cells of the parts that

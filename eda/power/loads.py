@@ -66,7 +66,8 @@ def _observed(module: str) -> str:
         return f"{head}    {name} = 0;\n{body}{rest}  end"
 
     module = BLOCK.sub(block, module)
-    always = [f"  wire {observer(name)} = 1'h1;\n" for name in {*registers.values()} - held]
+    free = [name for name in registers.values() if name not in held]
+    always = [f"  wire {observer(name)} = 1'h1;\n" for name in free]
     always += [f"  wire {observer(name)} = {enable};\n" for enable, name in WRITTEN.findall(module)]
     return re.sub(
         r"\A(module .*?;\n)", lambda found: found[0] + "".join(declared + always), module,

@@ -75,6 +75,7 @@ class Deal(wiring.Component):
         self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
         self.high, self.extent = Signal(key), Signal(key)
         self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be issued
+        self.more = Signal()  # entries are to come
         self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
         self.held, self.full = Signal(entry, reset_less=True), Signal()  # the entry being dealt
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
@@ -103,7 +104,7 @@ class Deal(wiring.Component):
         key, seen = self.held.key, Signal(COUNT_BITS)
         of_low = Signal()  # it was issued before, though its key is not below `low`
         m.d.comb += [
-            entries.ready.eq(dealing & ~self.full & self.rest.any()),
+            entries.ready.eq(dealing & ~self.full & self.more),
             of_low.eq((key == self.low) & (seen != self.skip)),
             self.ignored.eq((key < self.low) | of_low),
             self.keep.eq(~self.ignored & (self.count < self.half)),
@@ -112,8 +113,9 @@ class Deal(wiring.Component):
             m.d.sync += [self.full.eq(entries.valid & entries.ready), self.held.eq(entries.payload)]
         with m.Elif(self.through):
             m.d.sync += [self.full.eq(0), self.rest.eq(self.rest - 1), seen.eq(seen + of_low)]
+            m.d.sync += self.more.eq(self.rest[1:].any())  # not by `rest` itself: a ripple of 24
         with m.If(self.state == State.BEGIN):
-            m.d.sync += [seen.eq(0), self.rest.eq(self.groups.payload.count)]
+            m.d.sync += [seen.eq(0), self.rest.eq(self.groups.payload.count), self.more.eq(1)]
 
     def _memories(self, m: Module) -> list[Value]:
         """Counts and begun line of each bucket; return the entries of the line."""
@@ -249,7 +251,7 @@ class Deal(wiring.Component):
                 m.d.sync += self.bucket.eq(0)
                 with m.If(self.reading.valid & self.reading.ready):
                     m.d.sync += state.eq(State.DEAL)
-            with m.Case(State.DEAL), m.If(~self.rest.any()):
+            with m.Case(State.DEAL), m.If(~self.more):
                 m.d.sync += state.eq(State.RANGE)
             with m.Case(State.WRITE), m.If(~self.lines.valid | self.lines.ready):
                 m.d.sync += self.bucket.eq(self.bucket + 1)

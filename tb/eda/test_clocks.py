@@ -1,5 +1,7 @@
 """Clock gates: observers of registers in Verilog, groups of flip-flops, their shares of cycles."""
 
+import re
+
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -50,6 +52,13 @@ def test_observers():
     reset = text[text.index("if (rst) begin") :].partition("end")[0]
     assert "$loads" not in reset
     assert text.count("$loads ") == text.count(r"\free$loads ") + 10
+
+
+def test_observers_are_in_order():
+    """The text is the same in each process: the cache finds it again."""
+    registers = "".join(f"  always @(posedge clk)\n    q{k} <= d{k};\n" for k in range(20))
+    text = observed(f"module top(clk);\n{registers}endmodule\n")
+    assert re.findall(r"wire \\q(\d+)\$loads", text) == [str(k) for k in range(20)]
 
 
 def test_gates():

@@ -19,7 +19,7 @@ def test_frame(library):
     """`TINY` in one way of mapping, with memories as modules: every pixel is the golden model's."""
     work = pieces(netlist(TINY))
     texts = {piece.netlist.text: piece.netlist for piece in work}
-    found = {text: mapped(each, library, passes=1) for text, each in texts.items()}
+    found = {text: mapped(each, library, effort=(1, 8)) for text, each in texts.items()}
     whole = put_together(library, {piece.path: found[piece.netlist.text] for piece in work})
     job = Job(pack(generate("needles"), TINY)[0], generated_camera("needles").resized(48, 32))
     run = Machine(TINY, simulated(whole)).run([job], LPDDR4)

@@ -45,7 +45,7 @@ LIBRARIES = [pytest.param(None, id="small")] + [
 def netlist(name: str, file) -> str:
     """Verilog of a stage's netlist, with models of its cells: mapped in one of the ways."""
     library = read_liberty(file)
-    piece = mapped(Netlist.of(STAGES[name].component()), library, passes=1)
+    piece = mapped(Netlist.of(STAGES[name].component()), library, effort=(1, 8))
     return simulated(put_together(library, {"": piece}))
 
 
@@ -138,7 +138,7 @@ class Sums(wiring.Component):
 def test_proof_of_sums(library):
     """Bits that need all values of their inputs, or sums as in synthesis; not with a wrong cell."""
     rtl = Netlist.of(Sums())
-    text = verilog(put_together(library, {"": mapped(rtl, library, "-booth", 1)}), "top")
+    text = verilog(put_together(library, {"": mapped(rtl, library, "-booth", (1, 8))}), "top")
     proof = prove(rtl, text, library)
     assert proof.bits == 2 * proof.registers and proof.tried and proof.formed
     with pytest.raises(DifferenceError, match="are not proven equal: "):

@@ -13,10 +13,11 @@ from splatcore.eda.cells import ways as module
 from splatcore.eda.cells.cell_netlist import put_together
 from splatcore.eda.cells.delays import fo4
 from splatcore.eda.cells.liberty_file import read_liberty
-from splatcore.eda.cells.mapping import MAP, PASSES, SUMS, mapped, recipe
+from splatcore.eda.cells.mapping import EFFORTS, MAP, SUMS, mapped, recipe
 from splatcore.eda.cells.opensta import verilog, write_opensta
 from splatcore.eda.cells.silicon import Silicon, area_28nm, long_paths, machine_silicon, silicon
 from splatcore.eda.cells.ways import fastest
+from splatcore.eda.cells.wire_load import with_wire_loads
 from splatcore.eda.gates import machine_gates
 from splatcore.eda.gates.macros import memory_size
 from splatcore.eda.gates.synth import Netlist
@@ -39,11 +40,11 @@ def test_areas_equal_yosys_s(library):
     netlist = Netlist.of(Add(TINY.arithmetic, TINY.add_latency))
     found = silicon(Add(TINY.arithmetic, TINY.add_latency), library)
     area = found.facts["um2"]
-    files = {"cells.lib": library.text, "constraints": constraints_of(library)}
+    files = {"cells.lib": with_wire_loads(library), "constraints": constraints_of(library)}
     count = netlist.run(
         MAP.format(left_out="", sums="") + "tee -o area.txt stat -liberty cells.lib\n",
         lambda files: float(re.search(r"Chip area.*: ([\d.]+)", files["area.txt"])[1]),
-        files | {"recipe": recipe(PASSES)},
+        files | {"recipe": recipe(*EFFORTS[0])},
     )
     assert area == pytest.approx(count)
     facts = found.facts
@@ -74,24 +75,24 @@ def test_few_gates_are_buffers(library):
 def test_choice_of_adders(library, monkeypatch, most):
     """The smallest fast-enough adder is chosen; if none is, the fastest of more ways."""
     netlist = Netlist.of(Multiply(TINY.arithmetic, TINY.multiply_latency))
-    monkeypatch.setattr(module, "ALONE_FO4", most)
+    monkeypatch.setattr(module, "ALONE", (1000, most or 1))
 
     def measured(piece) -> tuple[float, float]:
         alone = Silicon.of(put_together(library, {"": piece}))
-        return alone.timing.longest.time, alone.netlist.area
+        return alone.wired.longest.time, alone.netlist.area
 
     found = {
-        (sums, passes): measured(mapped(netlist, library, sums, passes))
+        (sums, effort): measured(mapped(netlist, library, sums, effort))
         for sums in SUMS
-        for passes in (PASSES, PASSES + 1)
+        for effort in EFFORTS
     }
-    times, areas = zip(*(found[sums, PASSES] for sums in SUMS), strict=True)
+    times, areas = zip(*(found[sums, EFFORTS[0]] for sums in SUMS), strict=True)
     assert len(set(times)) == len(set(areas)) == len(SUMS)
     assert len(set(found.values())) == len(found)
     made = []
     monkeypatch.setattr(module, "mapped", lambda *args: made.append(args[-1]) or mapped(*args))
     time, area = measured(fastest(netlist, library))
-    assert set(made) == ({PASSES} if most else {PASSES, PASSES + 1})
+    assert set(made) == set(EFFORTS[:1] if most else EFFORTS)
     assert area == min(areas) if most else time == min(time for time, _ in found.values())
 
 

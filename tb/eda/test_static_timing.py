@@ -2,6 +2,7 @@
 for each part of a machine, by the longest path of the whole."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -9,8 +10,8 @@ import pytest
 from splatcore.eda.cells import ways as module
 from splatcore.eda.cells.cell_netlist import CONSTANTS, CellNetlist, put_together
 from splatcore.eda.cells.delays import fo4
-from splatcore.eda.cells.liberty_file import read_liberty
-from splatcore.eda.cells.mapping import Mapped
+from splatcore.eda.cells.liberty_file import parse, read_liberty
+from splatcore.eda.cells.mapping import EFFORTS, Mapped
 from splatcore.eda.cells.silicon import Silicon, long_paths, part_at
 from splatcore.eda.cells.static_timing import (
     MEMORY_ACCESS_FO4,
@@ -19,16 +20,9 @@ from splatcore.eda.cells.static_timing import (
     Path,
     Timing,
 )
-from splatcore.eda.cells.ways import ALONE_FO4, LONG_FO4, innermost, parts_of, settled
-from splatcore.eda.cells.wires import (
-    SIDE_SHARE,
-    WIRE_LOAD,
-    WIRE_MARGIN,
-    WIRE_NET,
-    WIRE_OHM,
-    WIRE_PF,
-    lengths_between,
-)  # fmt: skip
+from splatcore.eda.cells.ways import ALONE, LONG_FO4, WHOLE, innermost, parts_of, settled
+from splatcore.eda.cells.wire_load import LOADS, WIRE_LOAD, WIRE_MARGIN, WIRE_NET, with_wire_loads
+from splatcore.eda.cells.wires import SIDE_SHARE, WIRE_OHM, WIRE_PF, lengths_between
 from tb.helpers.liberty import (
     AREA_FF,
     DATA,
@@ -101,6 +95,20 @@ def test_path_times_of_memories(library):
     assert ends["b"] == pytest.approx(stage + 5 * DATA + SETUP)
     assert ends["m"] == pytest.approx(stage + 5 * DATA + setup)
     assert timing.longest.begin == ("memory", "m") and load
+
+
+def test_wire_loads_for_sizing(library):
+    """ABC sizes cells with the wires of static timing, in the unit of the library's file."""
+    text = with_wire_loads(replace(library, capacitance=0.001))
+    top = parse(text)
+    (found,) = top.of_kind("wire_load")
+    assert top.lines["default_wire_load"] == found.names[0]
+    assumed, unit = Assumed.of(library, True), found.number("capacitance") / 1000
+    lengths = re.findall(r"fanout_length \((\d+), ([\d.]+)\)", text)
+    assert len(lengths) == LOADS
+    for n, length in lengths:
+        wires = assumed.net_wire + int(n) * assumed.load_wire
+        assert float(length) * unit == pytest.approx(wires)
 
 
 def in_two_parts(library) -> CellNetlist:
@@ -203,7 +211,7 @@ NETLISTS = {path: SimpleNamespace(text=path) for path in ("", "a", "a.b", "c")}
 
 AREA = {"small": 1, "mid": 2, "large": 3}
 
-WAYS = {2: ["small", "mid"], 3: ["large"]}
+WAYS = dict(zip(EFFORTS, (["small"], ["mid"], ["large"]), strict=True))
 
 
 def path(fo4: float, begin: str, end: str) -> Path:
@@ -225,7 +233,7 @@ def settle(monkeypatch, path_of) -> tuple[dict, list]:
     monkeypatch.setattr(module, "put_together", together)
     monkeypatch.setattr(module, "Timing", timing)
     monkeypatch.setattr(module.Assumed, "of", lambda *_: SimpleNamespace(fo4=1.0))
-    monkeypatch.setattr(module, "ways", lambda netlist, library, passes: WAYS[passes])
+    monkeypatch.setattr(module, "ways", lambda netlist, library, effort: WAYS[effort])
     _, pieces = settled(NETLISTS, dict.fromkeys(NETLISTS, "small"), None)
     return pieces, tried
 
@@ -267,4 +275,4 @@ def test_where_a_path_leads():
     found = Path(1.0, ("memory", "c.table"), ("port", "done"), steps)
     assert list(parts_of(found, NETLISTS)) == ["", "a", "a.b", "c"]
     assert innermost("a.b.c.d", NETLISTS) == "a.b"
-    assert ALONE_FO4 < LONG_FO4
+    assert all(alone < whole for alone, whole in zip(ALONE, WHOLE, strict=True))

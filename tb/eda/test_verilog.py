@@ -208,15 +208,11 @@ SLOW = (
 """Parts that take long to synthesise."""
 
 
-DEEPER = {"deal": 43}
-"""Parts that are deeper, at the enables of their clock gates."""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", marked([*FLAT, *DEEP, *CONTROL], SLOW))
 def test_no_path_is_too_deep(name, netlist):
     """No part is deeper than DEPTH_MAX; `points` contains all stages that work on points."""
-    assert netlist(name).mapped(SPEED)["depth"] <= DEEPER.get(name, DEPTH_MAX)
+    assert netlist(name).mapped(SPEED)["depth"] <= DEPTH_MAX
 
 
 @pytest.mark.slow
