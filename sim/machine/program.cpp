@@ -50,8 +50,8 @@ int main(int argc, char** argv) {
     uint64_t cycles_max = settings.number("cycles_max");
     auto reported = std::chrono::steady_clock::now();
     std::string rule;
+    memory.drive();
     while (!host.over) {
-        memory.drive();
         host.drive();
         if (host.over) break;
         top.clk = 0;
@@ -59,13 +59,13 @@ int main(int argc, char** argv) {
 #if WAVES || TOGGLES
         window.dump(cycle, false);
 #endif
-        bool reset = top.rst;
-        if (!reset) memory.clock(); else memory.cycle++;
+        if (host.doing != host.resetting) memory.clock(); else memory.cycle++;
         host.clock();
         rule = !memory.rule.empty() ? memory.rule : host.lite.rule;
         if (!rule.empty()) { host.result = "rule"; break; }
         idle = memory.moved || host.moved ? 0 : idle + 1;
         if (idle > idle_max) { host.fail("hang"); idle = 0; }
+        memory.drive();  // of the next cycle: the machine takes it at the rising edge
         top.clk = 1;
         top.eval();
 #if WAVES || TOGGLES
