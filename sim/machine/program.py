@@ -25,6 +25,7 @@ CONFIG = f"""\
 #define WAVES {{waves}}
 #define FST {{fst}}
 #define TOGGLES {{toggles}}
+#define SAVES {{saves}}
 
 constexpr uint64_t BEAT = {{beat}}, BOUNDARY = {BOUNDARY};
 constexpr uint32_t BEAT_BITS = {{beat_bits}}, INTERRUPT_ERROR = {INTERRUPT_ERROR};
@@ -63,22 +64,28 @@ def with_held_inputs(source: str) -> str:
 
 
 def compiled(
-    config: Config, source: str, trace: str = "", toggles: bool = False, level: str = FAST
+    config: Config,
+    source: str,
+    trace: str = "",
+    toggles: bool = False,
+    saves: bool = False,
+    level: str = FAST,
 ) -> Path:
     """Compile the program for a machine's Verilog; its path.
 
     trace: kind of waveforms that it can write, "vcd" or "fst"; empty for none
     toggles: whether it counts changes of each net (SAIF)
+    saves: whether it can save its state and go on from there
     level: optimisation level of the C++ compiler
     """
     more = (f"--trace-{trace}", "--no-trace-params") if trace else ()
     if toggles:
         more = ("--trace-saif", "--trace-max-width", "0", "--no-trace-params")
-    more += OUTLINED
+    more += OUTLINED + ("--savable",) * saves
     beat, waves = port_bytes(config), int(bool(trace) and not toggles)
     settings = CONFIG.format(
-        waves=waves, fst=int(trace == "fst"), toggles=int(toggles), beat=beat,
-        beat_bits=beat.bit_length() - 1,
+        waves=waves, fst=int(trace == "fst"), toggles=int(toggles), saves=int(saves),
+        beat=beat, beat_bits=beat.bit_length() - 1,
     )  # fmt: skip
     main, made = FOLDER / "program.cpp", {"config.hpp": settings}
     return build(with_held_inputs(merged(source)), main, made, FOLDER.glob("*.hpp"), more, level)
