@@ -21,6 +21,7 @@ from splatcore.spec.error import InputError
 
 if TYPE_CHECKING:
     from splatcore.golden import pipeline
+    from splatcore.sim.machine.execute import Saves
     from splatcore.sim.machine.machine import Machine, Run
     from splatcore.sim.machine.waves import Recording, Window
 
@@ -53,6 +54,16 @@ class Request:
         None, "MODULE", "Module for --waves, with everything inside, like raster.setup.", panel=RTL
     )
     waves_max: float = option(1000.0, "MB", "Maximum estimated size of --waves.", panel=RTL)
+    save_every: int = option(
+        0,
+        "N",
+        "Save the run every N cycles in OUT.saves (or FILE.saves), and go on from a save there.",
+        panel=RTL,
+        min=0,
+    )
+    first: int | None = option(
+        None, "CYCLE", "Go on from the last save at or before this cycle.", "--from", panel=RTL
+    )
 
     def check(self):
         """Raise InputError for options that do not go together, or an unwritable output."""
@@ -63,6 +74,8 @@ class Request:
             raise InputError("--waves: goes with either --window or --tile")
         if self.scope and not self.waves:
             raise InputError("--scope: goes with --waves")
+        if self.tile and self.saving:
+            raise InputError("--tile: goes without --save-every and --from; use --window")
         if self.waves:
             from splatcore.sim.machine.wave_files import check_kind
 
@@ -71,6 +84,21 @@ class Request:
         check_distinct([*written, *[("--error-map", self.error_map)] * bool(self.error_map)])
         for _, path in written:
             check_writable(path)
+
+    @property
+    def saving(self) -> bool:
+        """Whether the run is saved, or goes on from a save."""
+        return self.save_every > 0 or self.first is not None
+
+    def saves(self, window: "Window | None" = None) -> "Saves | None":
+        """Return where the run is saved. window: to record, which must not have begun."""
+        from splatcore.sim.machine.execute import Saves
+
+        starts = [self.first, window and window.cycles and window.cycles[0]]
+        until = min((cycle for cycle in starts if cycle is not None), default=None)
+        folder = (self.waves or self.output).with_suffix(".saves")
+        needed = self.first is not None
+        return Saves(folder, self.save_every, until, needed) if self.saving else None
 
     def picture(self, k: int) -> Path:
         """Return the path of frame k: OUT.png for a single one, else OUT-000.png etc."""
@@ -143,18 +171,22 @@ def simulated(shots: list[Shot], request: Request, first: "pipeline.Frame") -> "
 
     first: the golden model's frame of the first one
     """
+    from splatcore.sim.cycles.frame import frame_cycles
     from splatcore.sim.machine.path import build, simulate
     from splatcore.sim.machine.wave_files import check_kind
     from splatcore.sim.machine.waves import Window, write_waves
 
     config, jobs = shots[0].config, [shot.job for shot in shots]
     timing, label = find_timing(request.timing), f"simulating {shots[0].source.name}"
+    found = frame_cycles(config, first, timing)
+    cycles = found.preprocessing + found.rendering + (len(jobs) - 1) * found.frame
     if not request.waves:
-        return simulate(build(config), jobs, timing, label)
+        machine = build(config, cycles=cycles, saves=request.saving)
+        return simulate(machine, jobs, timing, label, saves=request.saves())
     window = Window.of(config, request.window, request.tile, first)
-    machine = build(config, check_kind(request.waves))
+    machine = build(config, check_kind(request.waves), saves=request.saving)
     recording = planned(machine, window, request, first)
-    return write_waves(machine, jobs, timing, recording, label)
+    return write_waves(machine, jobs, timing, recording, label, saves=request.saves(window))
 
 
 def planned(

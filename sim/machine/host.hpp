@@ -159,7 +159,7 @@ struct Host {
     void drive() {
         if (doing == waiting) wait();
         while (doing == nothing && !over) begin();
-        top.rst = doing == resetting;
+        top.rst = doing == resetting && left > 1;  // the machine takes it a cycle later
         if (doing == resetting) { lite.forget(); memory.forget(); } else lite.drive();
     }
     void clock() {

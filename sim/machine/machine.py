@@ -18,6 +18,7 @@ import numpy as np
 
 from splatcore.hdl.top import Top
 from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
+from splatcore.sim.machine.execute import execute, open_memory
 from splatcore.sim.machine.program import compiled
 from splatcore.sim.machine.script import (
     IDEAL,
@@ -26,8 +27,6 @@ from splatcore.sim.machine.script import (
     Script,
     Timing,
     beat_bytes,
-    execute,
-    open_memory,
 )
 from splatcore.sim.rtl.build import FAST, QUICK
 from splatcore.sim.rtl.convert import kept
@@ -167,16 +166,16 @@ class Machine:
 
     source: Verilog to use instead of the machine's own
     trace: kind of waveforms that it can write, "vcd" or "fst"; empty for none
-    toggles: whether it counts changes of each net
+    options: of `sim.machine.program.compiled`
     """
 
-    def __init__(
-        self, config: Config, source: str | None = None, trace: str = "", toggles: bool = False
-    ):
+    def __init__(self, config: Config, source: str | None = None, trace: str = "", **options):
         self.config = config
         self.source = source or machine_source(config)
         small = config.width_max * config.height_max <= SMALL
-        self.program = compiled(config, self.source, trace, toggles, QUICK if small else FAST)
+        self.program = compiled(
+            config, self.source, trace, **options, level=QUICK if small else FAST
+        )
 
     def run(
         self,
@@ -192,12 +191,13 @@ class Machine:
         progress: called with cycles, image bytes written, and image bytes in all
         sizes: `pages` and `features` of `sim.machine.areas.place_areas`
         retry: whether to run again with enough list memory if there was too little
-        options: of `sim.machine.script.execute`, except that `settings` is a function of the areas;
-            `keep`: a folder for waveforms
+        options: of `sim.machine.execute.execute`; `settings` is a function of the areas; `keep`: a
+            folder for waveforms
         """
         run = self._run(jobs, timing, progress, sizes or {}, **options)
         if retry and run.error == ErrorCode.PAGES:
             sizes = (sizes or {}) | {"pages": run.state["NEEDED"]}
+            options.pop("saves", None)  # they are of a smaller memory
             return self._run(jobs, timing, progress, sizes, **options)
         return run
 

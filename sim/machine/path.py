@@ -8,9 +8,12 @@ from splatcore.model.cameras.orbit import moved
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.machine.machine import Job, Machine, Run
 from splatcore.sim.machine.script import Timing
+from splatcore.sim.rtl.build import COMPILING
+from splatcore.sim.rtl.convert import ELABORATED
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.convention import TILE
+from splatcore.spec.progress import shown_by
 from splatcore.spec.work import pixel_bytes
 
 STEP = np.radians(0.25)
@@ -39,19 +42,50 @@ def target(camera: Camera, points: np.ndarray) -> np.ndarray:
     return camera.position + camera.rotation[2] * (np.median(z[seen]) if seen.any() else 1.0)
 
 
-def build(config: Config, trace: str = "", source: str | None = None) -> Machine:
-    """Compile the machine, or find it in the cache. source: its Verilog, if already known."""
-    with progress_bar(f"building the machine {config.name} (takes minutes the first time)"):
-        return Machine(config, source, trace)
+WHOLE = {ELABORATED: 23.0, COMPILING: 3.4}
+"""Time from nothing to a program, in times until a phase begins."""
+
+SPEED = 12_600.0
+"""Cycles simulated in the time from nothing to a program: each follows the computer's speed and the
+machine's size."""
+
+
+def build(
+    config: Config,
+    trace: str = "",
+    source: str | None = None,
+    cycles: int | None = None,
+    saves: bool = False,
+) -> Machine:
+    """Compile the machine, or find it in the cache.
+
+    source: its Verilog, if already known
+    cycles: that will be simulated; the progress bar then has an estimate of all the time it takes
+    saves: whether runs can be saved
+    """
+    label, begin = f"building the machine {config.name}", time.perf_counter()
+    with progress_bar(f"{label} (takes minutes the first time)") as advance:
+
+        def estimate(done: float, total: float | None, phase: str):
+            if phase in WHOLE and cycles is not None:
+                whole = WHOLE[phase] * (time.perf_counter() - begin)
+                advance(0, None, f"{label}, about {whole:.0f} s in all, then {cycles:,} cycles, "
+                        f"about {cycles * whole / SPEED:.0f} s")  # fmt: skip
+
+        with shown_by(estimate):
+            return Machine(config, source, trace, saves=saves)
 
 
 def simulate(machine: Machine, jobs: list[Job], timing: Timing, label: str, **options) -> Run:
     """Run frames with a progress bar that shows the tiles written and the cycles per second."""
-    begin, tile = time.perf_counter(), TILE**2 * pixel_bytes(jobs[0].rgba)
+    begin, tile = [], TILE**2 * pixel_bytes(jobs[0].rgba)
     with progress_bar(label) as advance:
 
         def progress(cycles: int, written: int, total: int):
-            rate = cycles / (time.perf_counter() - begin)
+            now = time.perf_counter(), cycles
+            seconds, done = np.subtract(now, begin[0] if begin else now)
+            begin[:] = begin or [now]
+            rate = done / max(seconds, 1e-9)
             text = f"{label}: {rate / 1000:.0f}k cycles/s, tiles"
             advance(written // tile, -(-total // tile), text)
 

@@ -15,6 +15,9 @@
 #include "memory.hpp"
 #include "settings.hpp"
 
+#if SAVES
+#include "save.hpp"
+#endif
 #if WAVES
 #include "waves.hpp"
 #elif TOGGLES
@@ -50,8 +53,30 @@ int main(int argc, char** argv) {
     uint64_t cycles_max = settings.number("cycles_max");
     auto reported = std::chrono::steady_clock::now();
     std::string rule;
+#if SAVES
+    uint64_t every = settings.number("save_every"), next_save = 0;
+    if (!settings.all("resume").empty()) {
+        VerilatedRestore file;
+        file.open(settings.folder + "/" + settings.all("resume")[0][0]);
+        keep({nullptr, &file}, top, memory, host, size, cycle, idle);
+    } else
+#endif
+    memory.drive();
     while (!host.over) {
-        memory.drive();
+#if SAVES
+        if (next_save <= cycle) {
+            if (next_save) {
+                std::string name = "save." + std::to_string(cycle);
+                VerilatedSave file;
+                file.open(settings.folder + "/" + name);
+                keep({&file, nullptr}, top, memory, host, size, cycle, idle);
+                file.close();
+                std::printf("saved %s\n", name.c_str());
+                std::fflush(stdout);
+            }
+            next_save = every ? (cycle / every + 1) * every : UINT64_MAX;
+        }
+#endif
         host.drive();
         if (host.over) break;
         top.clk = 0;
@@ -59,13 +84,13 @@ int main(int argc, char** argv) {
 #if WAVES || TOGGLES
         window.dump(cycle, false);
 #endif
-        bool reset = top.rst;
-        if (!reset) memory.clock(); else memory.cycle++;
+        if (host.doing != host.resetting) memory.clock(); else memory.cycle++;
         host.clock();
         rule = !memory.rule.empty() ? memory.rule : host.lite.rule;
         if (!rule.empty()) { host.result = "rule"; break; }
         idle = memory.moved || host.moved ? 0 : idle + 1;
         if (idle > idle_max) { host.fail("hang"); idle = 0; }
+        memory.drive();  // of the next cycle: the machine takes it at the rising edge
         top.clk = 1;
         top.eval();
 #if WAVES || TOGGLES

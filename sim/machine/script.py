@@ -1,22 +1,14 @@
 """Scripts of the simulated host, and reports of their runs."""
 
-import subprocess
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from splatcore.sim.common.choice import check_known
-from splatcore.sim.rtl.build import SimulationError
-from splatcore.sim.rtl.verilator import state_of
 from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
-IDLE_MAX = 200_000  # cycles without a transfer on the bus after which a run ends
-CYCLES_MAX = 1 << 62
 RESET_CYCLES = 4
 MAPPED = "memory"  # memory file in a run's folder
 
@@ -258,63 +250,3 @@ def read_report(path: Path, config: Config) -> Report:
             report.result, report.cycles, report.command = rest[0], int(rest[1]), int(rest[2])
             report.rule = " ".join(rest[3:])
     return report
-
-
-def prepare(
-    folder: Path, script: Script, memory: Memory, timing: Timing, settings: Mapping[str, str]
-) -> None:
-    """Write `settings` and `script` into a run's folder. settings: limits and further lines."""
-    lines = [*timing.settings, f"size {(folder / MAPPED).stat().st_size}"]
-    lines += [f"{name.lower()} {script.addresses[name]}" for name in ("INTERRUPT", "FINISHED")]
-    for r in memory.regions:
-        lines.append(f"region {r.name} {r.begin} {r.end} {int(r.writable)} {r.at}")
-    lines += [f"{name} {value}" for name, value in settings.items()]
-    (folder / "settings").write_text("\n".join(lines) + "\n")
-    (folder / "script").write_text("\n".join(script.lines) + "\n")
-
-
-def execute(
-    program: Path,
-    folder: Path,
-    script: Script,
-    memory: Memory,
-    timing: Timing,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-    idle_max: int = IDLE_MAX,
-    cycles_max: int = CYCLES_MAX,
-    settings: Mapping[str, str] | None = None,
-) -> Report:
-    """Run a script on the memory file of a folder.
-
-    progress: called twice per second with cycles and image bytes written
-    settings: further lines for the program
-    Raises SimulationError if the program fails.
-    """
-    limits = {"idle_max": str(idle_max), "cycles_max": str(cycles_max)}
-    prepare(folder, script, memory, timing, limits | dict(settings or {}))
-    with subprocess.Popen(
-        [program, str(folder), *state_of(timing.seed)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as run:
-        try:
-            log = []
-            for line in run.stdout:
-                if line.startswith("progress "):
-                    if progress:
-                        progress(*map(int, line.split()[1:]))
-                else:
-                    log.append(line)
-        except BaseException:
-            run.kill()
-            raise
-    if run.returncode:
-        raise SimulationError(f"the simulation failed: {''.join(log[-5:])}")
-    return read_report(folder / "report", script.config)
-
-
-def open_memory(folder: Path) -> np.ndarray:
-    """Map the memory file; its bytes stay readable after the folder is deleted."""
-    return np.memmap(folder / MAPPED, np.uint8, "r")

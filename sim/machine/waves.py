@@ -112,16 +112,20 @@ class Recording:
 
 
 def write_waves(
-    machine: Machine, jobs: list[Job], timing: Timing, recording: Recording, label: str
+    machine: Machine, jobs: list[Job], timing: Timing, recording: Recording, label: str, **options
 ) -> Run:
-    """Run frames and write the window's waveforms, and viewer files next to them."""
+    """Run frames and write the window's waveforms, and viewer files next to them.
+
+    options: of `sim.machine.machine.Machine.run`
+    """
     path, window = recording.path, recording.window
 
     def settings(areas: Areas) -> dict[str, str]:
         return window.settings(areas) | {"scope": f"{recording.levels} {recording.scope}"}
 
     with TemporaryDirectory(prefix="splatcore") as name:
-        run = simulate(machine, jobs, timing, label, settings=settings, keep=Path(name))
+        options |= {"settings": settings, "keep": Path(name)}
+        run = simulate(machine, jobs, timing, label, **options)
         if run.report.window is None:
             raise InputError(f"--waves {path}: the run ended before the window began")
         [made] = Path(name).glob("waves.*")

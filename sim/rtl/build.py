@@ -18,6 +18,7 @@ from splatcore.sim.rtl.verilator import (
     without_initial,
 )
 from splatcore.spec.cache import cache_root, digest, kept_folder
+from splatcore.spec.progress import report
 
 KIND = "streams"  # the cache's folder of compiled simulations
 CPP = Path(__file__).parent  # the folder of the C++
@@ -46,6 +47,8 @@ HEADER = """\
 """
 """The header that all programs include first: reading it takes longer than a small program's own
 code. A compiler that finds it precompiled beside it takes that."""
+
+COMPILING = "compiling"  # the phase of Verilator and the C++ compiler
 
 LOG_LINES = 40
 
@@ -77,6 +80,7 @@ def build(
     texts |= made | {"top.sv": without_initial(source)}
 
     def compile(folder: Path):
+        report(COMPILING)
         for name, text in texts.items():
             (folder / name).write_text(text)
         _compile(folder, main.name, args, level)

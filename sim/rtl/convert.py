@@ -7,11 +7,16 @@ from contextlib import contextmanager, nullcontext
 from importlib.metadata import version
 
 from amaranth.back import verilog
-from amaranth.hdl._ir import NetlistEmitter
+from amaranth.hdl import Fragment, Value
+from amaranth.hdl._ir import NetlistEmitter, PortDirection
 from amaranth.lib import wiring
 
 from splatcore.sim.common.cache import kept_json
 from splatcore.sim.common.sources import ROOT, code_key
+from splatcore.spec.progress import report
+
+ELABORATED = "writing Verilog"  # the phase after elaboration
+DIRECTIONS = {wiring.In: PortDirection.Input, wiring.Out: PortDirection.Output}
 
 MODULE = re.compile(r"^module .*?^endmodule$", re.M | re.S)
 PORTS = re.compile(r"^module .*?;\n", re.S)
@@ -74,7 +79,11 @@ def converted(
     stay unknown. So each block also reads a register that changes at time 0.
     """
     with collecting_rarely(), sharing() if platform is None else nullcontext():
-        text = verilog.convert(component, name, platform, emit_src=emit_src)
+        fragment, ports = Fragment.get(component, platform), {}
+        for path, member, value in component.signature.flatten(component):
+            ports["__".join(map(str, path))] = Value.cast(value), DIRECTIONS[member.flow]
+        report(ELABORATED)
+        text, _ = verilog.convert_fragment(fragment, ports, name, emit_src=emit_src)
     return MODULE.sub(lambda found: _woken(found[0]), text)
 
 

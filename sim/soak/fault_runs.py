@@ -16,8 +16,9 @@ from splatcore.golden.pipeline import Frame, render
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.areas import Areas, make_memory, place_areas
+from splatcore.sim.machine.execute import execute
 from splatcore.sim.machine.machine import Job, frame_values
-from splatcore.sim.machine.script import Report, Script, Timing, execute
+from splatcore.sim.machine.script import Report, Script, Timing
 from splatcore.sim.soak.machines import machine
 from splatcore.spec import registers
 from splatcore.spec.config import Config

@@ -14,8 +14,9 @@ from splatcore.eda.power.activity import Accesses, Activity, Register, counts_of
 from splatcore.eda.power.estimate import CLOCK_HZ, estimate, gates_of
 from splatcore.eda.power.saif import Net, duration, nets
 from splatcore.eda.power.tables import lines, report, table
+from splatcore.sim.machine.execute import execute
 from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.script import IDEAL, Script, execute
+from splatcore.sim.machine.script import IDEAL, Script
 from splatcore.spec.cache import VARIABLE
 from splatcore.spec.config import TINY
 from splatcore.spec.energy import Energy

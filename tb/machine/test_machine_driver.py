@@ -11,18 +11,9 @@ from splatcore.eda.deliver.register_files import write_register_files
 from splatcore.eda.template import ENVIRONMENT
 from splatcore.golden.pipeline import render
 from splatcore.sim.machine.areas import BASE, Areas, make_memory
+from splatcore.sim.machine.execute import CYCLES_MAX, IDLE_MAX, open_memory, prepare
 from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.script import (
-    CYCLES_MAX,
-    IDLE_MAX,
-    LPDDR4,
-    Region,
-    Report,
-    Script,
-    open_memory,
-    prepare,
-    read_report,
-)
+from splatcore.sim.machine.script import LPDDR4, Region, Report, Script, read_report
 from splatcore.sim.soak.machines import machine
 from splatcore.spec.axi import ADDRESS_BITS, window_bits
 from splatcore.spec.config import TINY, Config

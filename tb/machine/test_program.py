@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from splatcore.sim.machine.areas import make_memory, place_areas
+from splatcore.sim.machine.execute import execute
 from splatcore.sim.machine.machine import Job, Machine, Run, host_script
-from splatcore.sim.machine.script import IDEAL, LPDDR4, Report, Script, Timing, execute
+from splatcore.sim.machine.script import IDEAL, LPDDR4, Report, Script, Timing
 from splatcore.sim.rtl.convert import converted
 from splatcore.spec.axi import BEAT
 from splatcore.spec.config import TINY
