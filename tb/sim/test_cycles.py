@@ -80,7 +80,7 @@ def test_model_knows_sizes():
     )
     for found, stages in (
         (more_rasterizers, {"raster", "rendering"}),
-        (more_pes, {"project", "preprocessing"}),
+        (more_pes, {"cull", "place", "project", "preprocessing"}),
     ):
         assert {name for name in base if found[name] < base[name]} == stages
         assert all(found[name] <= base[name] for name in base)
