@@ -91,11 +91,15 @@ def coefficient_count(degree: int) -> int:
 
 @dataclass(frozen=True)
 class Term:
-    """Up to three polynomials of one degree that are summed in one cycle."""
+    """Up to three polynomials of one degree that are summed in one cycle.
+
+    A machine that sums two terms per cycle takes a term and its `follower` together.
+    """
 
     degree: int  # degree of the harmonics
     polynomials: tuple[str, ...]  # names of their values in the program
     doubled: tuple[int, ...]  # per polynomial, log2 of the factor that the program leaves out
+    follower: bool = False  # of the term before, which has the same degree; at most two polynomials
 
     @property
     def first(self) -> int:
@@ -107,10 +111,10 @@ class Term:
 TERMS = (
     Term(1, ("y", "z", "x"), (0, 0, 0)),
     Term(2, ("xy", "yz", "polar"), (1, 1, -1)),
-    Term(2, ("xz", "saddle"), (1, 0)),
+    Term(2, ("xz", "saddle"), (1, 0), follower=True),
     Term(3, ("lobe_y", "xyz", "ring_y"), (0, 2, 0)),
     Term(3, ("axial", "ring_x", "wheel"), (-1, 0, 1)),
-    Term(3, ("lobe_x",), (0,)),
+    Term(3, ("lobe_x",), (0,), follower=True),
 )
 """All terms except the base, in the order in which they are summed."""
 

@@ -90,7 +90,7 @@ class Config:
     depth: Float = Float(7, 20, signed=False, subnormal=False)  # depths and keys (`spec.depth`)
     screen_exponent: int = 0  # unit of length on the screen: 2^screen_exponent pixels
     pe_arrays: int = size(1, 1, 4)  # multiplies `pes`
-    pes: int = size(9, 1, 12)  # processing elements of the projection's array
+    pes: int = size(9, 1, 16)  # processing elements of the projection's array
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
     # Culling before the projection. "near": at the near plane. "all": also at the guard band.
     culling: Literal["none", "near", "all"] = "all"

@@ -11,6 +11,7 @@ bank, loaded in the same phase of every round; a value that waits longer than a 
 second register. Values whose waiting times do not overlap share the registers of a bank.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -86,11 +87,8 @@ def latencies(config: Config) -> dict[str, int]:
     return found | LATENCY_OF_COMPENSATION
 
 
-PES = {"chunk": 1, "cull": 1, "cull_interval": 1, "place": 2}
-"""PEs of the arrays of stages 0 and 1, except the projection's, which `Config` sets."""
-
-INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
-"""Minimum cycles per item: memory delivers a point every four cycles."""
+OF_POINTS = ("cull", "cull_interval", "place")
+"""Programs of points before the projection."""
 
 
 def basis_machine(config: Config) -> Config:
@@ -103,42 +101,90 @@ def basis_machine(config: Config) -> Config:
     return replace(config, arithmetic=BASIS, multiply_latency=1, add_latency=3, unary_latency=unary)
 
 
-def colour_terms(config: Config) -> int:
-    """Return the cycles of a Gaussian's sum of colours outside the array: one per term.
+PACE_MIN = 4
+"""Minimum cycles per Gaussian for which units are multiplied."""
+
+POINT_CYCLES = 4
+"""Minimum cycles per point of `OF_POINTS`; one fewer if a Gaussian takes `PACE_MIN`."""
+
+COMPENSATING = ("product", "log_sum")
+"""Units of which a machine has as many as keep up with its PEs."""
+
+
+def pace(config: Config, program: Program) -> int:
+    """Return the cycles per item of a program's PEs, at least `PACE_MIN`."""
+    steps = sum(step.unit == "pe" for step in program.steps)
+    return max(-(-steps // pes(config, program)), PACE_MIN)
+
+
+def point_cycles(config: Config) -> int:
+    """Return the minimum cycles per point of `OF_POINTS`."""
+    return POINT_CYCLES - (pace(config, projection(config)) == PACE_MIN)
+
+
+def colour_turns(config: Config) -> list[list[int]]:
+    """Return the terms that are summed in each cycle of a Gaussian outside the array, as indices of
+    `TERMS`: one per cycle, or two if the projection's PEs are faster than that.
 
     The base is added to the first term.
     """
-    terms = sum(term.degree <= config.sh_degree for term in TERMS)
-    return max(terms, 2) if config.sh_degree else 1  # two terms are G's
+    terms = [k for k, term in enumerate(TERMS) if term.degree <= config.sh_degree]
+    two = len(terms) > pace(config, projection(config))
+    turns: list[list[int]] = []
+    for k in terms:
+        if two and TERMS[k].follower:
+            turns[-1].append(k)
+        else:
+            turns.append([k])
+    return turns
+
+
+def colour_terms(config: Config) -> int:
+    """Return the cycles of a Gaussian's sum of colours outside the array."""
+    return max(len(colour_turns(config)), 2) if config.sh_degree else 1  # two terms are G's
 
 
 def colour_cycles(config: Config) -> int:
-    """Return the cycles per colour: its sum, or one per codebook stage and one more."""
+    """Return the cycles per colour: its sum, or one per codebook stage."""
     degree = min(config.sh_degree, COMPACT_DEGREE)
     entries = len(config.colour_index[degree]) + len(config.sh_index[degree])
-    return max(colour_terms(config), entries + 1)
+    return max(colour_terms(config), entries)
 
 
 def pes(config: Config, program: Program) -> int:
-    """Return the PEs of a program's array; polynomials keep up with the projection."""
+    """Return the PEs of a program's array.
+
+    `Config` sets those of the projection, with which polynomials keep up.
+    """
+    steps = sum(step.unit == "pe" for step in program.steps)
     if program.name.startswith("basis"):
-        steps = sum(step.unit == "pe" for step in program.steps)
         return -(-steps // schedule(config, projection(config)).interval)
-    return PES.get(program.name, config.pes * config.pe_arrays)
+    if program.name == "place":
+        return -(-steps // point_cycles(config))
+    return 1 if program.name in ("chunk", *OF_POINTS) else config.pes * config.pe_arrays
+
+
+def units_of(config: Config, program: Program) -> dict[str, int]:
+    """Return the number of units of each kind on a machine's array for a program."""
+    demand = Counter(step.unit for step in program.steps)
+    found = dict.fromkeys(latencies(config), 1) | {"pe": pes(config, program)}
+    for unit in COMPENSATING:
+        found[unit] = max(-(-demand[unit] // pace(config, program)), 1)
+    return found
 
 
 @cache
 def schedule(config: Config, program: Program) -> Schedule:
     """Return the schedule of a program on a machine's array for it."""
-    units = {unit: 1 for unit in latencies(config)} | {"pe": pes(config, program)}
-    demand = {unit: sum(step.unit == unit for step in program.steps) for unit in units}
+    units, demand = units_of(config, program), Counter(step.unit for step in program.steps)
     interval = max(-(-demand[unit] // units[unit]) for unit in units)
-    interval = max(interval, INTERVAL_MIN.get(program.name, 1))
+    if program.name in OF_POINTS:
+        interval = max(interval, point_cycles(config))
     if config.colours == "beside" and program.name == projection(config).name:
         interval = max(interval, colour_cycles(config))
     if program.name.startswith("basis"):  # in step with the projection
         interval = max(interval, schedule(config, projection(config)).interval)
-    latency, early = latencies(config), early_outputs(program)
+    latency, early = latencies(config), early_outputs(config, program)
     places = place_steps(program.steps, units, latency, interval, early)
     length = max(p.time + latency[p.step.unit] + early.get(p.step.name, 0) for p in places)
     read = {name: length - early.get(name, 0) for name in program.outputs}
@@ -146,15 +192,20 @@ def schedule(config: Config, program: Program) -> Schedule:
     return Schedule(interval, places, waits, tuple(latency.items()), length, tuple(early.items()))
 
 
-def early_outputs(program: Program) -> dict[str, int]:
+def early_outputs(config: Config, program: Program) -> dict[str, int]:
     """Return the outputs that are read before the last ones, and by how many cycles.
 
-    These are the polynomials: one term's polynomials are read per cycle.
+    These are the polynomials: those of one turn (`colour_turns`) are read per cycle.
     """
     if not program.name.startswith("basis"):
         return {}
-    terms = [term for term in TERMS if set(term.polynomials) <= set(program.outputs)]
-    return {name: len(terms) - 1 - k for k, t in enumerate(terms) for name in t.polynomials}
+    turns = colour_turns(config)
+    return {
+        name: len(turns) - 1 - turn
+        for turn, terms in enumerate(turns)
+        for k in terms
+        for name in TERMS[k].polynomials
+    }
 
 
 def readers(steps: tuple[Step, ...]) -> dict[str, list[str]]:

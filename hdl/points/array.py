@@ -18,7 +18,7 @@ from splatcore.hdl.points.compensation import Fade, Log, LogSum, Minor, Product
 from splatcore.hdl.points.state import codes
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import COMPENSATION_UNITS, Program
-from splatcore.spec.schedule import Place, latencies, pes, schedule
+from splatcore.spec.schedule import Place, latencies, schedule, units_of
 
 
 class Array(wiring.Component):
@@ -137,14 +137,11 @@ class Array(wiring.Component):
                 self.field_at[name, number] = source
 
     def _units(self, m: Module):
-        """The PEs, and one unit of each other kind that the program needs."""
-        config = self.config
+        """The PEs, and the units of each other kind that the program needs."""
+        config, counts = self.config, units_of(self.config, self.program)
         delay = latencies(config)
-        self.units = {
-            ("pe", number): MultiplyAdd(config.arithmetic, delay["pe"])
-            for number in range(pes(config, self.program))
-        }
-        others = {
+        kinds = {
+            "pe": lambda: MultiplyAdd(config.arithmetic, delay["pe"]),
             "reciprocal": lambda: Reciprocal(config.arithmetic, delay["reciprocal"]),
             "rsqrt": lambda: Rsqrt(config.arithmetic, delay["rsqrt"]),
             "clamp": lambda: Clamp(config.arithmetic),
@@ -155,10 +152,14 @@ class Array(wiring.Component):
             "log_sum": lambda: LogSum(config),
             "fade": lambda: Fade(config),
         }
-        used = {step.unit for step in self.program.steps}
-        self.units |= {(kind, 0): make() for kind, make in others.items() if kind in used}
+        used = {"pe"} | {step.unit for step in self.program.steps}
+        self.units = {
+            (kind, k): make()
+            for kind, make in kinds.items() if kind in used
+            for k in range(counts[kind])
+        }  # fmt: skip
         for (kind, number), unit in self.units.items():
-            m.submodules[f"{kind}{number}" if kind == "pe" else kind] = unit
+            m.submodules[f"{kind}{number}" if kind == "pe" or number else kind] = unit
             enable = self.enable
             if kind in COMPENSATION_UNITS:  # idle for models without compensation
                 enable = enable & self.constants.antialiased.any()

@@ -61,7 +61,7 @@ class Codebook(wiring.Component):
     colour stages first. If colours are not made in the array (`Config.colours`), the memory also
     holds beats of harmonics of models in steps.
 
-    **Timing**: one item every `interval` cycles (`DEFAULT`: 5), `latency` 6. No multiplier.
+    **Timing**: one item every `interval` cycles (`DEFAULT`: 4), `latency` 6. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -77,7 +77,7 @@ class Codebook(wiring.Component):
         self.sh_stages = [name for name in stages if name.startswith("sh")]
         self.reads = [*self.colour_stages, *self.sh_stages]
         self.latency = FIRST_WORD + len(self.reads)
-        self.interval = len(self.reads) + 1
+        self.interval = len(self.reads)
         line = codebook_line(config)
         colour = sum_of(COMPONENT, len(self.colour_stages)).width
         ports = {
@@ -87,15 +87,15 @@ class Codebook(wiring.Component):
             # bits of its attributes from `FACTOR_BITS` on, read in that cycle and the next two
             "index": In(INDEX_BITS),
             "model": In(ModelState),
-            # integers, sums of the colour entries `latency` cycles after the start; they stay for
-            # the next cycle, and longer if items are farther apart than `interval`; without
-            # codebooks the item's base in steps
+            # integers, sums of the colour entries `latency` cycles after the start, for one cycle;
+            # longer if items are farther apart than `interval`; without codebooks the item's base
+            # in steps
             "colour": Out(data.ArrayLayout(signed(colour), len(CHANNELS))),
         }
         if self.sh_stages:
             slope = signed(sum_of(SLOPE, len(self.sh_stages)).width)
-            # sums of the elements of G, row by row, held as long as `colour`; valid if the model
-            # has harmonics
+            # sums of the elements of G, row by row, held for one cycle longer than `colour`; valid
+            # if the model has harmonics
             ports["g"] = Out(data.ArrayLayout(slope, len(SLOPES)))
         if self.beside:
             reading = data.StructLayout({"enable": 1, "address": range(self.words)})

@@ -1,5 +1,8 @@
 """Colours of Gaussians in small integers, computed outside the array (`spec.colour`)."""
 
+from collections.abc import Iterator
+from itertools import product
+
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
@@ -8,7 +11,7 @@ from splatcore.hdl.arithmetic.convert import ToFixed
 from splatcore.hdl.points.array import Array
 from splatcore.hdl.points.codebook import INDEX_BITS, Codebook, codebook_line
 from splatcore.hdl.points.state import ModelState
-from splatcore.hdl.points.terms import LANES, SHIFT_BITS, Terms
+from splatcore.hdl.points.terms import SHIFT_BITS, Terms, lanes_of
 from splatcore.spec.colour import (
     BASIS,
     CHANNELS,
@@ -20,12 +23,13 @@ from splatcore.spec.colour import (
     POLYNOMIAL,
     STEP_BITS,
     TERMS,
+    Term,
     unscaled_colour_format,
 )
 from splatcore.spec.config import Config
 from splatcore.spec.microprogram import basis
 from splatcore.spec.programs import BASIS_CONSTANTS
-from splatcore.spec.schedule import basis_machine, colour_terms
+from splatcore.spec.schedule import basis_machine, colour_terms, colour_turns
 
 RAY = ("ray_x", "ray_y", "ray_z")
 
@@ -56,7 +60,7 @@ class Colour(wiring.Component):
     def __init__(self, config: Config, rounds: data.ArrayLayout, interval: int):
         self.config, self.interval = config, interval
         self.codebook = Codebook(config)
-        self.terms = [term for term in TERMS if term.degree <= config.sh_degree]
+        self.terms = colour_turns(config)
         self.turns = colour_terms(config)
         if interval < max(self.turns, self.codebook.interval):
             raise ValueError(f"preset {config.name}: colours take longer than {interval} cycles")
@@ -66,7 +70,7 @@ class Colour(wiring.Component):
         self.begin = self.codebook.latency + 1
         if self.terms:
             self.basis = Array(basis_machine(config), basis(config), stalls=False)
-            first, *_ = self.terms[0].polynomials
+            first, *_ = TERMS[0].polynomials
             self.begin = self.basis.plan.read_time(first)
             if self.begin <= self.codebook.latency:
                 raise ValueError(f"preset {config.name}: polynomials are made before G is read")
@@ -99,13 +103,19 @@ class Colour(wiring.Component):
 
     @property
     def _later(self) -> list[tuple[int, int, int]]:
-        """Further beats of layouts: (layout, beat, the beat's first term that the machine has)."""
+        """Further beats of layouts: (layout, beat, the first turn of a term in the beat)."""
         found = []
         for number, layout in enumerate(LAYOUTS):
             for beat, record in enumerate(layout.records[1:], 1):
-                terms = [k for k in range(len(self.terms)) if f"red_{k}" in dict(record.fields)]
-                found += [(number, beat, terms[0])] if terms else []
+                turns = [t for t, k, _, _ in self._places() if f"red_{k}" in dict(record.fields)]
+                found += [(number, beat, turns[0] - 1)] if turns else []
         return found
+
+    def _places(self) -> Iterator[tuple[int, int, Term, int]]:
+        """Yield bit of `turn`, index, term and first lane of each term."""
+        for turn, terms in enumerate(self.terms, 1):
+            for k, lane in zip(terms, lanes_of(self.config), strict=False):
+                yield turn, k, TERMS[k], lane.start
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -120,7 +130,7 @@ class Colour(wiring.Component):
         self._read(m)
         m.submodules.terms = terms = self.sum = Terms(self.config, codebook.colour[0].shape().width)
         m.d.comb += [terms.first.eq(self.turn[1]), terms.half.eq(~self.model.codebooks)]
-        m.d.comb += terms.base.eq(codebook.colour)
+        m.d.comb += terms.base.eq(self._base(m))
         self._shift(m)
         if self.terms:
             self._multiplicands(m)
@@ -128,6 +138,15 @@ class Colour(wiring.Component):
         m.d.comb += self.o.valid.eq(self.turn[self.turns + Terms.latency])
         m.d.comb += [self.o[c].eq(code) for c, code in zip(CHANNELS, terms.o, strict=True)]
         return m
+
+    def _base(self, m: Module) -> Value:
+        """The codebook's colour, in the cycle after its own if it does not stay until then."""
+        colour = self.codebook.colour
+        if self.interval > self.codebook.interval:
+            return colour
+        later = Signal(colour.shape(), name="base", reset_less=True)
+        m.d.sync += later.eq(colour)
+        return later
 
     def _at(self, time: int) -> Value:
         """High if a Gaussian is at that time."""
@@ -167,8 +186,8 @@ class Colour(wiring.Component):
             m.d.sync += third.eq(word[4:6])
         exponent, step, own = self.model.exponent[1], steps[1], word[0:2]
         for degree, shift in ((2, word[2:4]), (3, third)):
-            turns = [self.turn[k] for k, t in enumerate(self.terms, 1) if t.degree == degree]
-            chosen = Cat(turns).any() & in_steps
+            turns = {turn for turn, _, term, _ in self._places() if term.degree == degree}
+            chosen = Cat(self.turn[k] for k in sorted(turns)).any() & in_steps
             exponent = Mux(chosen, self.model.exponent[degree], exponent)
             step = Mux(chosen, steps[degree], step)
             own = Mux(chosen, shift, own)
@@ -181,16 +200,19 @@ class Colour(wiring.Component):
         """Codes of a term from the beat of harmonics, or a part of G."""
         word, harmonics = self.codebook.word, self.found_steps.harmonics
         for c, channel in enumerate(CHANNELS):
-            sources: list[list[Value]] = [[] for _ in range(LANES)]
-            for number, layout in enumerate(LAYOUTS):
-                for k, term in layout.terms[: len(self.terms)]:
-                    chosen = self.turn[k + 1] & (harmonics == number) & ~self.model.codebooks
-                    field, width = f"{channel}_{k}", layout.format(term.degree).width
-                    record = next(r for r in layout.records if field in dict(r.fields))
-                    for lane in range(len(term.polynomials)):
-                        code = word[record.offset(field) + lane * width :][:width]
-                        value = Cat(Const(layout.halves, 1), code).as_signed()
-                        sources[lane].append(Mux(chosen, value, 0))
+            sources: list[list[Value]] = [[] for _ in range(self.sum.lanes)]
+            for (number, layout), (turn, k, term, first) in product(
+                enumerate(LAYOUTS), self._places()
+            ):
+                if term.degree > layout.degree:
+                    continue
+                chosen = self.turn[turn] & (harmonics == number) & ~self.model.codebooks
+                field, width = f"{channel}_{k}", layout.format(term.degree).width
+                record = next(r for r in layout.records if field in dict(r.fields))
+                for lane in range(len(term.polynomials)):
+                    code = word[record.offset(field) + lane * width :][:width]
+                    value = Cat(Const(layout.halves, 1), code).as_signed()
+                    sources[first + lane].append(Mux(chosen, value, 0))
             for lane, axis in enumerate((1, 2, 0)):  # y, z, x
                 g = self.codebook.g[len(RAY) * c + axis]
                 for turn, part in ((1, g[:LOW]), (2, g[LOW:].as_signed())):
@@ -213,17 +235,17 @@ class Colour(wiring.Component):
         m.d.comb += [array.i.payload.fields.eq(self.ray), array.i.valid.eq(1)]
         outputs = array.o.payload.outputs
         scales = range(min(min(t.doubled) for t in TERMS), max(max(t.doubled) for t in TERMS) + 1)
-        for lane in range(LANES):
+        for lane in range(self.sum.lanes):
             # If products are multiplier blocks, there is more time for rounding than for shifting.
             registers = 1 if self.config.logic == "gates" else {"shift": 1, "round": 0}
             convert = ToFixed(BASIS, POLYNOMIAL, registers, scales)
             m.submodules[f"polynomial_{lane}"] = convert
             value, scale = Const(0), Signal(Shape.cast(scales), name=f"scale_{lane}")
-            for k, term in enumerate(self.terms, 1):
-                if lane < len(term.polynomials):
-                    value |= Mux(self.turn[k], outputs[term.polynomials[lane]], 0)
-                    with m.If(self.turn[k - 1]):  # decoded in the cycle before
-                        m.d.sync += scale.eq(term.doubled[lane])
+            for turn, _, term, first in self._places():
+                if 0 <= (own := lane - first) < len(term.polynomials):
+                    value |= Mux(self.turn[turn], outputs[term.polynomials[own]], 0)
+                    with m.If(self.turn[turn - 1]):  # decoded in the cycle before
+                        m.d.sync += scale.eq(term.doubled[own])
             # Both parts of G are multiplied by the polynomials of the first term.
             m.d.comb += convert.enable.eq(~(self.model.codebooks & self.turn[2]))
             m.d.comb += [convert.i.eq(value), convert.scale.eq(scale)]

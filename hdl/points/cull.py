@@ -23,7 +23,8 @@ class Cull(wiring.Component):
 
     Numbers inside have the formats of `spec.depth.finer`.
 
-    **Timing**: one PE, one point every 4 cycles, latency about 30. No path from `o` to `positions`.
+    **Timing**: one PE, one point every 4 cycles, or 3 (`spec.schedule.point_cycles`), latency
+    about 30. No path from `o` to `positions`.
     """
 
     def __init__(self, config: Config):

@@ -35,7 +35,7 @@ class LookUp(wiring.Component):
         """Cycles from an item's start until its colour goes into the converters."""
         self.latency = self.converted + CONVERT
         # Sums are held until all are converted; the values of the next item come later.
-        self.interval = self.codebook.interval + (ROWS - 1) * self.shaded
+        self.interval = self.codebook.interval + ROWS * self.shaded
         ports = {
             "write": In(stream.Signature(codebook_line(config))),  # words of the codebook memory
             "start": In(1),  # an item begins; at least `interval` cycles after the previous one

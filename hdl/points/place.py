@@ -23,7 +23,8 @@ class Place(wiring.Component):
 
     A point waits in a small memory while the array computes its x and y.
 
-    **Timing**: two PEs, one point every 4 cycles, latency about 20. No path from `o` to `i`.
+    **Timing**: two PEs, one point every 4 cycles, or three PEs and 3 cycles
+    (`spec.schedule.point_cycles`); latency about 20. No path from `o` to `i`.
     """
 
     def __init__(self, config: Config):

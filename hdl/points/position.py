@@ -15,6 +15,7 @@ from splatcore.spec.depth import finer
 from splatcore.spec.frame import CAMERA
 from splatcore.spec.number import Fixed
 from splatcore.spec.point import AWAY, PLACE_BITS, culling_record
+from splatcore.spec.schedule import POINT_CYCLES, point_cycles
 from splatcore.spec.small import position_widths
 
 BEAT = memory.ATTRIBUTE_BITS  # bits of a memory beat
@@ -35,8 +36,8 @@ class Position(wiring.Component):
     ends. In small models their low bits are not stored either, and are zero. The vector from the
     camera to a point is exact on the grid and rounded once, to `spec.depth.finer`.
 
-    **Timing**: one point every 4 cycles, and one cycle more at each octant's end; latency
-    `CONVERT_LATENCY` + 9 from a chunk's first beat.
+    **Timing**: one point every `spec.schedule.point_cycles` cycles, and one cycle more at each
+    octant's end; latency `CONVERT_LATENCY` + 9 from a chunk's first beat.
     """
 
     def __init__(self, config: Config):
@@ -78,17 +79,23 @@ class Position(wiring.Component):
         """The next coordinate; `pipe.i` shows when it is valid and taken.
 
         A beat is taken as early as possible, but during the last point only if a coordinate lacks
-        bits: no beat beyond a chunk's end is read.
+        bits: no beat beyond a chunk's end is read. Machines with fewer than `POINT_CYCLES` also
+        take one with the last word of the beat before, except of small models: there the bits
+        before it can be all that the last point needs.
         """
         beat, words = Signal(BEAT, reset_less=True), Signal(range(BEAT // WORD + 1))
         bits, level = Signal(2 * WORD - 1), Signal(range(2 * WORD))
         active, left, rest = Signal(), Signal.like(level), Signal.like(bits)
         width = self._of_model(*self.widths)
         enough, last = level >= width, self.number + 1 == self.chunk.count
+        takes = active & (words == 0) & (~enough | ~last)
+        if point_cycles(self.config) < POINT_CYCLES:
+            whole = self._of_model(Const(1), Const(0))
+            takes |= active & (words == 1) & (left < WORD) & ~last & whole
         m.d.comb += [
             active.eq(self.chunk_valid & ~self.done),
             self.pipe.i.valid.eq(active & enough & self.ready),
-            self.i.ready.eq(active & (words == 0) & (~enough | ~last)),
+            self.i.ready.eq(takes),
             left.eq(level),
             rest.eq(bits),
         ]

@@ -6,9 +6,10 @@ from amaranth.lib.wiring import In, Out
 
 from splatcore.spec.colour import CHANNELS, GAIN, POLYNOMIAL, TOTAL_FRACTION, unscaled_colour_format
 from splatcore.spec.config import Config
+from splatcore.spec.schedule import colour_turns
 
-LANES = 3
-"""Maximum number of polynomials in a term."""
+LANES, FOLLOWING = 3, 2
+"""Maximum number of polynomials in a term, and in a term that follows another one."""
 
 MULTIPLICAND = signed(7)
 """Shape of the factors of polynomials: codes of 6 bits, parts of G."""
@@ -17,6 +18,12 @@ SHIFT_BITS = 5
 
 PRODUCTS = signed(MULTIPLICAND.width + POLYNOMIAL.width + 1)
 """A sum of `LANES` products: each is at most a quarter of their range."""
+
+
+def lanes_of(config: Config) -> list[range]:
+    """Return the lanes of each term that is summed in the same cycle."""
+    two = any(len(turn) > 1 for turn in colour_turns(config))
+    return [range(LANES), *([range(LANES, LANES + FOLLOWING)] if two else [])]
 
 
 def sums_of_products(a: list[Value], b: list[Value]) -> tuple[Value, Value]:
@@ -58,16 +65,18 @@ class Terms(wiring.Component):
     Parameters:
         base: bits of the base
 
-    **Timing**: one term per cycle, latency 5. Nine multipliers of 7 × 13 bits, built of adders here
-    or by synthesis (`Config.logic`).
+    **Timing**: one term per cycle, or two of the same degree (`spec.schedule.colour_turns`),
+    latency 5. Three multipliers of 7 × 13 bits per lane: nine, or 15 if two terms are summed per
+    cycle; built of adders here or by synthesis (`Config.logic`).
     """
 
     latency = 5
 
     def __init__(self, config: Config, base: int):
         """base: bits of the base."""
-        self.config = config
-        lanes = data.ArrayLayout(MULTIPLICAND, LANES)
+        self.config, self.sums = config, lanes_of(config)
+        self.lanes = self.sums[-1].stop
+        lanes = data.ArrayLayout(MULTIPLICAND, self.lanes)
         ports = {
             "first": In(1),  # a Gaussian's first term comes in this cycle; its other terms follow
             # half of the base's multiplicands by channel, in the cycle after `first`
@@ -79,12 +88,12 @@ class Terms(wiring.Component):
             "o": Out(data.ArrayLayout(unscaled_colour_format(config).width, len(CHANNELS))),
         }
         if config.sh_degree:
-            ports["shift"] = In(SHIFT_BITS)  # the term's
-            ports["three"] = In(1)  # the term's factor is 3 instead of 4
-            # the term's, by channel and lane, 0 if there is no polynomial
+            ports["shift"] = In(SHIFT_BITS)  # the terms'
+            ports["three"] = In(1)  # the terms' factor is 3 instead of 4
+            # the terms', by channel and lane, 0 if there is no polynomial
             ports["multiplicands"] = In(data.ArrayLayout(lanes, len(CHANNELS)))
-            # of the previous cycle's term
-            ports["polynomials"] = In(data.ArrayLayout(signed(POLYNOMIAL.width), LANES))
+            # of the previous cycle's terms
+            ports["polynomials"] = In(data.ArrayLayout(signed(POLYNOMIAL.width), self.lanes))
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -98,13 +107,14 @@ class Terms(wiring.Component):
         missing = max(format.fraction - TOTAL_FRACTION, 0)
         for k in range(len(CHANNELS)):
             start = self._base(m, k, base_shift, (1 << rest >> 1))
-            addend = start
+            addends = []
             if self.config.sh_degree:
-                addend = self._addend(m, self._sum(m, k), *at_shift)
-            width = max(len(addend), len(start)) + 1
+                sums = [self._sum(m, k, lanes) for lanes in self.sums]
+                addends = [self._addend(m, total, *at_shift) for total in sums]
+            width = max(map(len, [start, *addends])) + 1
             total = Signal(signed(width), name=f"total_{k}", reset_less=True)
             if self.config.sh_degree:
-                m.d.sync += total.eq(Mux(first, start, total) + addend)
+                m.d.sync += total.eq(sum(addends, Mux(first, start, total)))
             else:
                 m.d.sync += total.eq(start)
             total = total << missing
@@ -133,14 +143,15 @@ class Terms(wiring.Component):
         (start,) = self._delayed(m, 1, start)
         return start
 
-    def _sum(self, m: Module, channel: int) -> Signal:
-        """A channel's sum of products."""
+    def _sum(self, m: Module, channel: int, lanes: range) -> Signal:
+        """A channel's sum of products on some lanes."""
+        own = f"{channel}" + "_following" * (lanes.start > 0)
         factors = []
-        for lane in range(LANES):
+        for lane in lanes:
             factor = Signal(MULTIPLICAND, name=f"factor_{channel}{lane}", reset_less=True)
             m.d.sync += factor.eq(self.multiplicands[channel][lane])
             factors.append(factor)
-        polynomials = list(self.polynomials)
+        polynomials = [self.polynomials[lane] for lane in lanes]
         if self.config.logic == "fpga":
             first, *others = (a * b for a, b in zip(factors, polynomials, strict=True))
             sums = first, sum(others)
@@ -148,10 +159,10 @@ class Terms(wiring.Component):
             sums = sums_of_products(factors, polynomials)
         parts = []
         for k, part in enumerate(sums):
-            kept = Signal(part.shape(), name=f"part_{channel}{k}", reset_less=True)
+            kept = Signal(part.shape(), name=f"part_{own}{k}", reset_less=True)
             m.d.sync += kept.eq(part)
             parts.append(kept)
-        total = Signal(PRODUCTS, name=f"sum_{channel}", reset_less=True)
+        total = Signal(PRODUCTS, name=f"sum_{own}", reset_less=True)
         m.d.sync += total.eq(sum(parts))
         return total
 

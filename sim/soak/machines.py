@@ -32,7 +32,7 @@ MACHINES: dict[str, Config] = {
         "paper": small(PAPER, sub_sorter_entries=16),
         "1 rasterizer": replace(TINY, rasterizers=1, logic="fpga"),
         "4 rasterizers": replace(TINY, rasterizers=4),
-        "8 rasterizers": replace(TINY, rasterizers=8, port=256),
+        "8 rasterizers, 4 cycles": replace(TINY, rasterizers=8, port=256, pes=14),
         "16 rasterizers": small(DEFAULT, rasterizers=16, page=8),
         "group 1": replace(TINY, group=1),
         "group 4": small(TINY, group=4, port=256),

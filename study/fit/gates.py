@@ -17,9 +17,10 @@ from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.stages import PRIMITIVES, STAGES, Build
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
+from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Float
 from splatcore.spec.raster import block_count
-from splatcore.spec.schedule import PES
+from splatcore.spec.schedule import pes
 from splatcore.spec.sort import index_bits
 from splatcore.spec.stages import HALVES
 
@@ -72,8 +73,11 @@ def _primitive(name: str, **sizes: int) -> Callable[[Config], float]:
     return lambda config: area(PRIMITIVES[name](replace(config, **sizes)))
 
 
-PES_BEFORE = sum(PES[name] for name in ("chunk", "cull", "place"))
-"""PEs of stages 0 and 1 that do not belong to the projection."""
+def _pes(config: Config) -> int:
+    """PEs of stages 0 and 1, except those of polynomials."""
+    programs = (program("chunk"), program("cull"), program("place"), projection(config))
+    return sum(pes(config, one) for one in programs)
+
 
 Share = tuple[Callable[[Config], float], Callable[[Config], float]]
 
@@ -84,9 +88,7 @@ OF_RASTER: dict[str, Share] = {
 }
 
 SHARES: dict[str, tuple[Share, ...]] = {
-    "arithmetic": (
-        (_primitive("multiply_add"), lambda config: config.pes * config.pe_arrays + PES_BEFORE),
-    ),
+    "arithmetic": ((_primitive("multiply_add"), _pes),),
     "sort_digits": (
         (
             _primitive("sub_sorter", sub_sorter_entries=2),

@@ -29,7 +29,7 @@ MEMORY_MARGIN = 0.025
 LPDDR4 was 0.1 to 2.2 % slower than with ideal memory."""
 
 MODEL_MARGIN = 0.03  # share of a frame's time reserved for the cycle model's error
-ARRAYS, PES = 4, 12  # maximum arrays of PEs, and PEs per array
+ARRAYS, PES = 4, 16  # maximum arrays of PEs, and PEs per array
 
 RASTERIZERS = (1, 2, 4, 8, 16)
 SORTERS = (1, 2, 3, 4, 6, 8)

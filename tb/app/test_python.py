@@ -204,7 +204,7 @@ def test_other_bad_input(model, camera, tmp_path):
         (lambda: splatcore.compare(np.zeros((4, 4, 3), int), np.zeros((4, 4, 3))), "type int64"),
         (lambda: splatcore.preset(rasteriser=2), "did you mean 'rasterizers'"),
         (lambda: splatcore.preset(pes="9"), "pes: '9' is not an integer"),
-        (lambda: splatcore.preset(pes=99), "pes 99 is not in 1 … 12"),
+        (lambda: splatcore.preset(pes=99), "pes 99 is not in 1 … 16"),
         (lambda: splatcore.preset(burst=16, page=8), "burst 16 is above 8"),
         (lambda: splatcore.write(tmp_path / "a.jpg", np.zeros((4, 4, 3))), "must end in .png"),
         (lambda: splatcore.write(tmp_path / "no" / "a.png", np.zeros((4, 4, 3))), "does not exist"),

@@ -27,6 +27,7 @@ from splatcore.spec.point import (
     chunk_record,
     projecting_record,
 )
+from tb.helpers.configs import MACHINES as MORE
 from tb.helpers.point_rows import PointRows, point_rows
 from tb.helpers.runs import marked
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
@@ -56,7 +57,7 @@ AMID = replace(GARDEN, translation=GARDEN.translation - [0, 0, 4])
 """A camera with a part of the garden behind it, and a part outside its view."""
 
 MACHINES = {
-    "two arrays, nothing culled": (replace(DEFAULT, pes=6, pe_arrays=2, culling="none"), 6),
+    "two arrays, nothing culled": (replace(DEFAULT, pes=7, pe_arrays=2, culling="none"), 4),
     "dense, interval, near plane alone culls": (
         replace(DEFAULT, pes=6, skip_zeros=False, depth_interval=True, culling="near"), 13
     ),
@@ -174,13 +175,14 @@ def test_culling_leaves_the_same_splats():
         assert np.array_equal(frame.pixels, found["all"].pixels)
 
 
-@pytest.mark.slow
-def test_cycles():
-    """Culling takes at most 4 cycles per point, projection 9 per Gaussian (on average)."""
-    frame = rows("garden")
-    cull = check("cull", frame, 0).cycles / len(frame.points.points)
-    project = check("project", frame, 0).cycles / len(frame.points.index)
-    assert cull < 4.1 and project < 9.1
+@pytest.mark.parametrize("quality", ["small", "compact"])
+def test_points_every_three_cycles(quality):
+    """Parts before the projection of a machine that projects a Gaussian every 4 cycles."""
+    config = MORE["FOUR"]
+    frame = point_rows(config, pack(generate("garden", 6000), config, quality=quality)[0], GARDEN)
+    for stage, count in (("cull", len(frame.points.step)), ("place", len(frame.points.front))):
+        assert 3 < check(stage, frame, 0).cycles / count < 3.15, stage
+        check(stage, frame, 0.4)
 
 
 @pytest.mark.parametrize("file", parameters(POINT_SCENES))

@@ -26,6 +26,8 @@ MAPS = (*PRESETS.values(), wide_addresses(DEFAULT), ALPHA)
 TREES = replace(TINY, sub_sorter="trees")
 
 CHANGED = {
+    # Points: a Gaussian every 4 cycles.
+    "FOUR": (TINY, {"pes": 14}),
     # Keys: SHORT's do not cover all depths, and its groups are single tiles.
     "SHORT": (TINY, {"sort_digits": (1,) * 19, "group": 1}),
     "NARROW": (TINY, {"sort_digits": (1,) * 8}),

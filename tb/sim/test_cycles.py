@@ -72,16 +72,15 @@ def test_stage_3():
 
 
 def test_model_knows_sizes():
-    """More rasterizers or arrays take fewer cycles, in their own stages only."""
+    """More rasterizers or PEs take fewer cycles, in their own stages only."""
     packed, camera = garden(DEFAULT, 2000), generated_camera("garden", 160, 90)
-    six = replace(DEFAULT, pes=6)  # with 9, colours take as long
-    machines = [six, replace(six, rasterizers=8), replace(six, pe_arrays=2)]
-    base, more_rasterizers, more_arrays = (
+    machines = [DEFAULT, replace(DEFAULT, rasterizers=8), replace(DEFAULT, pes=14)]
+    base, more_rasterizers, more_pes = (
         vars(frame_cycles(config, render(config, packed, camera))) for config in machines
     )
     for found, stages in (
         (more_rasterizers, {"raster", "rendering"}),
-        (more_arrays, {"project", "preprocessing"}),
+        (more_pes, {"cull", "place", "project", "preprocessing"}),
     ):
         assert {name for name in base if found[name] < base[name]} == stages
         assert all(found[name] <= base[name] for name in base)

@@ -29,7 +29,7 @@ from tb.helpers.refusal import refused
 POWERS = (1, 2, 4, 8, 16)
 FIELDS = {
     "address_bits": st.sampled_from([32, 64]),
-    "width_max": st.integers(1, 4096), "sh_degree": st.integers(0, 1), "pes": st.integers(2, 12),
+    "width_max": st.integers(1, 4096), "sh_degree": st.integers(0, 1), "pes": st.integers(2, 16),
     "position": st.sampled_from(["chunk", "absolute"]), "early_termination": st.booleans(),
     "faint": st.sampled_from([(), (5, 11, 9), (1, 2, 2)]),
     "rasterizers": st.sampled_from(POWERS), "sub_sorters": st.integers(1, 16),
@@ -152,7 +152,7 @@ def test_commands_take_files(tmp_path, capsys):
     assert run("memories", "--preset", path, "--json", facts) == 0
     assert '"preset": "wide"' in facts.read_text()
     assert run("memories", "--preset", write(tmp_path / "bad.toml", "pes = 99")) == 2
-    assert "bad.toml: preset bad: pes 99 is not in 1 … 12" in capsys.readouterr().err
+    assert "bad.toml: preset bad: pes 99 is not in 1 … 16" in capsys.readouterr().err
 
 
 def test_there_is_one_way_to_find_a_preset():
