@@ -27,7 +27,7 @@ def machine() -> Machine:
 def run(machine: Machine, saves: Saves | None, seed: int = TIMING.seed) -> Run:
     return machine.run(
         jobs(3), replace(TIMING, seed=seed), sizes={"features": FAULT}, saves=saves,
-        settings=lambda areas: {"window": "0 0"},
+        settings=lambda areas: {"window": "1000000 1000000"},
     )  # fmt: skip
 
 
