@@ -160,6 +160,10 @@ COMMANDS = {
         "bench_scale", MEASURE, "Measure time and memory of commands on scenes of many sizes.",
         "-o scale --counts 20000,40000 --degrees 1",
     ),
+    "bench simulator": Entry(
+        "bench_simulator", MEASURE, "Measure CPU seconds of building and of simulating in RTL.",
+        "garden --size 640x360",
+    ),
     "bench compression": Entry(
         "bench_compression", COMPRESS, "Compress scenes; measure size, loss and machine work.",
         "garden -o out --part steps --steps 40",

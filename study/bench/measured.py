@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,12 +58,17 @@ class Checkout:
         mine = () if self.folder is None else ("PYTHONPATH",)
         return {name: value for name, value in os.environ.items() if name not in mine}
 
-    def measured(self, command: Sequence[str], folder: Path) -> Cost:
-        """Run a command in a folder, in a process of its own."""
+    def measured(
+        self, command: Sequence[str], folder: Path, variables: Mapping[str, str] | None = None
+    ) -> Cost:
+        """Run a command in a folder, in a process of its own.
+
+        variables: further ones of its environment
+        """
         with tempfile.TemporaryFile("w+") as text:
             begin = time.monotonic()
             process = subprocess.Popen(
-                [*self.words, *command], cwd=folder, env=self.variables,
+                [*self.words, *command], cwd=folder, env=self.variables | dict(variables or {}),
                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=text,
                 start_new_session=True,  # Ctrl-C does not reach it twice
             )  # fmt: skip

@@ -66,6 +66,26 @@ def test_render(tmp_path, capsys):
     check_documented("### `splatcore simulate`", (*MORE_KEYS, *result["frames"][0]))
 
 
+@pytest.mark.verify
+def test_saves(tmp_path, capsys):
+    """A run whose last save is in mid-frame, as after an interruption, goes on from there."""
+    picture, saves = tmp_path / "a.png", tmp_path / "a.saves"
+    words = "simulate", "needles", *TINY_VIEW, "-o", picture
+    assert run(*words, "--save-every", 2000) == 0
+    whole, saved = read_png(picture), sorted(int(path.stem) for path in saves.iterdir())
+    assert saved == list(range(2000, saved[-1] + 1, 2000)) and len(saved) > 3
+    picture.unlink()
+    for cycle in saved[2:]:
+        (saves / f"{cycle}.save").unlink()
+    assert run(*words, "--from", 9999) == 0
+    np.testing.assert_array_equal(read_png(picture), whole)
+    printed = capsys.readouterr()
+    assert "a.saves/4000.save: the run goes on" in printed.err.replace("\n", "")
+    assert printed.out.count("identical to the golden model") == 2
+    assert run(*words, "--from", 1999) == 2
+    assert "has no save at or before cycle 1,999" in capsys.readouterr().err.replace("\n", " ")
+
+
 @pytest.mark.slow
 def test_compare(capsys):
     assert run("compare", "golden", "rtl", "--scene", "needles", *TINY_VIEW) == 0
