@@ -86,7 +86,7 @@ def latencies(config: Config) -> dict[str, int]:
     return found | LATENCY_OF_COMPENSATION
 
 
-PES = {"chunk": 1, "cull": 1, "cull_interval": 1, "place": 2}
+PES = {"chunk": 1, "level": 1, "cull": 1, "cull_interval": 1, "place": 2}
 """PEs of the arrays of stages 0 and 1, except the projection's, which `Config` sets."""
 
 INTERVAL_MIN = {"cull": 4, "cull_interval": 4, "place": 4}
