@@ -15,7 +15,7 @@ SIDE_MAX = 2**31 - 1
 
 NEAR_LIMITS = (1e-5, 1e5)
 """Smallest and largest `Camera.near`, scene units."""
-LOD_MAX = 1e6
+LOD_MAX = 2.0**20
 """Largest `Camera.lod_pixels`."""
 
 

@@ -125,6 +125,8 @@ def pack_command(
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
     } | describe.levels(packed.model)  # fmt: skip
+    if not wanted.levels:
+        del facts["coarse_clipped"]
     with progress_bar(f"writing {output}"):
         data = file_bytes(packed.model, plain)
         write(output, data)

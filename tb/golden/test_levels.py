@@ -13,6 +13,7 @@ from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
 from splatcore.sim.frame.metric import psnr
+from splatcore.spec.camera import LOD_MAX
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.frame import frame_constants
 from splatcore.spec.levels import groups, jumped
@@ -24,6 +25,7 @@ from tb.helpers.refusal import refused
 
 LEVELS = replace(DEFAULT, name="LEVELS", levels=True)
 CAMERA = replace(generated_camera("garden").resized(160, 90), name="garden")
+FAR = replace(CAMERA.resized(80, 45), translation=np.add(CAMERA.translation, [0, 0, 40]))
 AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])
 
 
@@ -117,30 +119,26 @@ def test_no_pixels_is_the_finest_level(models):
 
 
 def test_coarser_levels_cost_less(models):
-    """From afar, few Gaussians show nearly the same picture, in fewer cycles."""
+    """From afar, half the Gaussians show the same picture, in half the cycles."""
     plain, model = models
-    far = replace(CAMERA.resized(80, 45), translation=np.add(CAMERA.translation, [0, 0, 20]))
-    exact = render_reference(plain.gaussians(), far).pixels / 255
-    read, cycles, db = [], [], []
-    for pixels in (0.0, 0.5, 1.0):
-        frame = pipeline.render(LEVELS, model, replace(far, lod_pixels=pixels))
-        read.append(frame.counts["points_read"])
-        cycles.append(frame_cycles(LEVELS, frame).frame)
-        db.append(psnr(frame.pixels / 255, exact))
-    assert read == sorted(read, reverse=True) and read[2] < 0.5 * read[0]
-    assert cycles[2] < cycles[0] and min(db) > 30, (read, cycles, db)
+    exact = render_reference(plain.gaussians(), FAR).pixels / 255
+    frames = [
+        pipeline.render(LEVELS, model, replace(FAR, lod_pixels=pixels)) for pixels in (0.0, 1.0)
+    ]
+    read = [frame.counts["points_read"] for frame in frames]
+    cycles = [frame_cycles(LEVELS, frame).frame for frame in frames]
+    assert read[1] < 0.5 * read[0] and cycles[1] < 0.5 * cycles[0]
+    assert psnr(frames[1].pixels / 255, exact) > 55
 
 
 def test_budget(models):
     """The fewest pixels with which at most so many Gaussians are read."""
     model = models[1]
-    far = replace(CAMERA, translation=np.add(CAMERA.translation, [0, 0, 20]))
-    for most in (20_000, 3_000, 700):
-        pixels = pixels_for(LEVELS, model, far, most)
-        views = [replace(far, lod_pixels=each) for each in (pixels, 0.999 * pixels)]
+    for most, least in ((20_000, 0), (8_000, None), (1_000, LOD_MAX)):
+        pixels = pixels_for(LEVELS, model, FAR, most)
+        views = [replace(FAR, lod_pixels=each) for each in (pixels, 0.999 * pixels)]
         enough, more = (cut(LEVELS, constants_of(model, v), model)[0].sum() for v in views)
-        assert enough * CHUNK <= most + 30
-        assert (pixels == 0) == (most == 20_000) and (pixels == 0 or more * CHUNK > most)
+        assert pixels == least or enough * CHUNK - 30 <= most < more * CHUNK - 30
 
 
 def test_machines_without_levels(models):
