@@ -7,20 +7,23 @@ import pytest
 
 from splatcore.golden import pipeline
 from splatcore.golden.levels import cut, pixels_for
+from splatcore.golden.points import project_points
 from splatcore.golden.reference import render as render_reference
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack
 from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.cycles.preprocessing import level_costs
 from splatcore.sim.frame.metric import psnr
 from splatcore.spec.camera import LOD_MAX
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.frame import frame_constants
 from splatcore.spec.levels import groups, jumped
 from splatcore.spec.memory import CHUNK
-from splatcore.spec.microprogram import constants
+from splatcore.spec.microprogram import constants, program
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.registers import variable_constants
+from splatcore.spec.schedule import schedule
 from tb.helpers.refusal import refused
 
 LEVELS = replace(DEFAULT, name="LEVELS", levels=True)
@@ -129,6 +132,15 @@ def test_coarser_levels_cost_less(models):
     cycles = [frame_cycles(LEVELS, frame).frame for frame in frames]
     assert read[1] < 0.5 * read[0] and cycles[1] < 0.5 * cycles[0]
     assert psnr(frames[1].pixels / 255, exact) > 55
+
+
+def test_cycles_of_levels(models):
+    """One group at a time is tested; other headers pass at four cycles each."""
+    found = [project_points(LEVELS, each, replace(FAR, lod_pixels=1.0), False) for each in models]
+    assert not level_costs(LEVELS, found[0]).any()
+    costs, tested = level_costs(LEVELS, found[1]), found[1].tested
+    assert (costs[tested] == schedule(LEVELS, program("level")).length).all() and tested.any()
+    assert (costs[~tested] == 4).all()
 
 
 def test_budget(models):
