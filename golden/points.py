@@ -1,7 +1,8 @@
 """Golden model of stages 0 and 1: packed model and camera to projected Gaussians.
 
-Stage 0 skips chunks and culls points at the near plane. Stage 1 computes x and y of the other
-points, culls them at the guard band and projects the rest (`golden.project`).
+Stage 0 skips chunks, those of levels that the view does not need (`spec.levels`) and those out of
+view, and culls points at the near plane. Stage 1 computes x and y of the other points, culls them
+at the guard band and projects the rest (`golden.project`).
 """
 
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ import numpy as np
 
 from splatcore.golden.batches import in_batches
 from splatcore.golden.codes import decode, encode, round_values
+from splatcore.golden.levels import RAY, cut
 from splatcore.golden.program import Values, run
 from splatcore.golden.project import project
 from splatcore.spec.camera import Camera
@@ -26,9 +28,6 @@ from splatcore.spec.point import splat_record
 from splatcore.spec.programs import CORNER_STEPS, CORNERS
 from splatcore.spec.record import Codes
 
-RAY = ("ray_x", "ray_y", "ray_z")
-"""Names of the vector from the camera to a point, world axes."""
-
 SHARED = ("margin_x", "margin_y", "chunk_reach")
 """Values of a chunk that its points share."""
 
@@ -43,6 +42,8 @@ class Points:
 
     frame: FrameConstants
     chunks: Values  # [C] values of the chunk program
+    drawn: np.ndarray  # [C] chunks of the levels that the view needs
+    tested: np.ndarray  # [C] first chunks of the groups whose error is tested
     read: np.ndarray  # [C] chunks whose points are read
     step: np.ndarray  # [N] uint8, the last step of each point of these chunks
     inside: np.ndarray  # [L] Gaussians that enter the projection
@@ -73,7 +74,9 @@ def project_points(
     exponents = model.value("position_exponent"), model.value("factor_exponent")
     frame = frame_constants(config, camera, *exponents, model.antialiased)
     chunks, read = chunk(config, frame, model)
-    kept, count = np.flatnonzero(read), int(chunk_sizes(len(model)) @ read)
+    drawn, tested = cut(config, frame, model)
+    read &= drawn
+    kept, count = np.flatnonzero(read), int(chunk_sizes(model.count) @ read)
 
     def work(batch: slice) -> tuple[Values | Codes | np.ndarray, ...]:
         points = numbers(kept, np.arange(*batch.indices(count)))
@@ -81,7 +84,7 @@ def project_points(
 
     step, inside, index, *fields = zip(*in_batches(work, count), strict=True)
     arrays = map(np.concatenate, (step, inside, index))
-    return Points(frame, chunks, read, *arrays, *map(_joined, fields))
+    return Points(frame, chunks, drawn, tested, read, *arrays, *map(_joined, fields))
 
 
 def numbers(chunks: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -189,7 +192,7 @@ def rays(config: Config, frame: FrameConstants, model: PackedModel, index: np.nd
     index: [M] the Gaussians They are exact on the grid and rounded once, so points near the camera
     are precise, however large their chunk or the scene.
     """
-    way = model.decoded(index).grid - frame.camera  # [M, 3] grid steps
+    way = model.stored(index).grid - frame.camera  # [M, 3] grid steps
     way = np.ldexp(way.astype(np.float64), model.value("position_exponent"))
     return {
         f"ray_{axis}": round_values(config.arithmetic, way[:, k]) for k, axis in enumerate("xyz")

@@ -46,7 +46,7 @@ def project(
     points: [M] camera coordinates x, y, z and rays
     index: [M] the Gaussians
     """
-    some = model.decoded(index)
+    some = model.stored(index)
     fields = frame.constants | points | attributes(config, some)
     machine = replace(config, antialiasing=config.compensates and model.antialiased)
     if config.colours == "beside":

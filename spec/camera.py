@@ -15,11 +15,13 @@ SIDE_MAX = 2**31 - 1
 
 NEAR_LIMITS = (1e-5, 1e5)
 """Smallest and largest `Camera.near`, scene units."""
+LOD_MAX = 2.0**20
+"""Largest `Camera.lod_pixels`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Intrinsics in pixels, the world-to-camera transform and the near plane.
+    """Intrinsics in pixels, the world-to-camera transform, the near plane and the level of detail.
 
     A world point x has the camera coordinates p = rotation @ x + translation and projects to
     u = fx·p.x/p.z + cx − 0.5, v likewise (pixel centres are integers).
@@ -35,6 +37,7 @@ class Camera:
     translation: np.ndarray  # [3] world to camera, scene units
     name: str = ""
     near: float = NEAR_PLANE  # Gaussians with a centre depth up to this are left out
+    lod_pixels: float = 0.0  # error up to which a model's coarser levels are drawn; 0: none is
 
     def __post_init__(self):
         object.__setattr__(self, "rotation", np.asarray(self.rotation, np.float64))
@@ -46,6 +49,9 @@ class Camera:
         if not NEAR_LIMITS[0] <= self.near <= NEAR_LIMITS[1]:
             low, high = NEAR_LIMITS
             raise InputError(f"camera {self.name}: near {self.near} is not in {low:g} … {high:g}")
+        if not 0 <= self.lod_pixels <= LOD_MAX:
+            why = f"lod_pixels {self.lod_pixels} is not in 0 … {LOD_MAX:g}"
+            raise InputError(f"camera {self.name}: {why}")
         for field in ("fx", "fy"):
             if not (np.isfinite(getattr(self, field)) and getattr(self, field) > 0):
                 raise InputError(f"camera {self.name}: {field} {getattr(self, field)} is not > 0")

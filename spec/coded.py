@@ -29,6 +29,7 @@ import numpy as np
 
 from splatcore.spec import memory
 from splatcore.spec.colour import LAYOUTS
+from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, HEADER, chunk_count
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.number import Bits, code_dtype
@@ -113,7 +114,8 @@ class Table:
 
 def chunk_table(header: ModelHeader) -> Table:
     """Return the first table, the chunk headers; they determine the other tables' rows."""
-    return Table("chunks", (CHUNK_HEADER,), chunk_count(len(header)))
+    records = (CHUNK_HEADER, LEVEL) if header.format.levels else (CHUNK_HEADER,)
+    return Table("chunks", records, chunk_count(header.count))
 
 
 def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
@@ -124,8 +126,8 @@ def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
     """
     format, of = header.format, _layout_numbers(header, harmonics)
     found = [
-        Table("positions", (format.position_record,), len(header)),
-        Table("attributes", (format.stored_record,), len(header)),
+        Table("positions", (format.position_record,), header.count),
+        Table("attributes", (format.stored_record,), header.count),
     ]
     for number in WITH_BEATS:
         records, count = tuple(LAYOUTS[number].records), int((of == number).sum())
@@ -139,7 +141,7 @@ def tables(header: ModelHeader, harmonics: np.ndarray) -> list[Table]:
 
 def _layout_numbers(header: ModelHeader, harmonics: np.ndarray) -> np.ndarray:
     """Return the layout [N] of each Gaussian's harmonics."""
-    return np.repeat(harmonics, CHUNK)[: len(header)]
+    return np.repeat(harmonics, CHUNK)[: header.count]
 
 
 def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
@@ -148,12 +150,16 @@ def rows_of(model: PackedModel) -> Iterator[tuple[Table, np.ndarray]]:
     first, *others = (chunk_table(model), *tables(model, harmonics))
     yield first, _part(model.image, layout.chunks, first)
     positions, attributes, *others, colours, sh = others
-    codes = dict(zip("xyz", model.stored_positions.T, strict=True))
+    codes = dict(zip("xyz", model.stored().stored_positions.T, strict=True))
     yield positions, positions.records[0].pack(codes)
-    yield attributes, model.stored_attributes
+    yield attributes, model.stored().stored_attributes
     of = _layout_numbers(model, harmonics)
     for table, number in zip(others, WITH_BEATS, strict=True):
-        beats = model.beats[of == number][:, None] + 1 + np.arange(LAYOUTS[number].beats)
+        beats = (
+            model.first_beats(np.flatnonzero(of == number))[:, None]
+            + 1
+            + np.arange(LAYOUTS[number].beats)
+        )
         yield table, model.attribute_beats(beats).reshape(table.count, table.size)
     yield colours, _part(model.image, layout.colours, colours)
     yield sh, _part(model.image, layout.sh, sh)
@@ -181,7 +187,7 @@ def image_of(
     books: rows of the codebooks' tables
     Returns uint8 [bytes].
     """
-    layout = header.layout_of(beats_in_all(harmonics, len(header)))
+    layout = header.layout_of(beats_in_all(harmonics, header.count))
     image = np.zeros(layout.end, np.uint8)
     width, place, beat = header.format.position_record["x"].width, 0, 0
 
@@ -193,7 +199,7 @@ def image_of(
         first, count = place // CHUNK, len(positions)
         of = np.repeat(harmonics[first : first + len(chunks)], CHUNK)[:count]
         codes = np.stack([*header.format.position_record.unpack(positions).values()], axis=1)
-        put(layout.chunks + first * CHUNK_HEADER.size, chunks)
+        put(layout.chunks + first * header.format.header_stride, chunks)
         put(layout.positions + 3 * place * width // 8, pack_bits(codes.reshape(-1), width))
         if header.format.small:
             put(layout.attributes + place * attributes.shape[1], attributes)
@@ -224,7 +230,7 @@ def parts_of(header: ModelHeader, harmonics: np.ndarray, rows: Rows) -> Iterator
     """Yield the rows of all tables of chunks and Gaussians, a batch of Gaussians at a time."""
     chunks, positions, attributes, *others = rows
     used = [0] * len(others)
-    for batch in batches(len(header)):
+    for batch in batches(header.count):
         own = slice(batch.start // CHUNK, chunk_count(batch.stop))
         of = np.repeat(harmonics[own], CHUNK)[: batch.stop - batch.start]
         starts, used = (

@@ -84,6 +84,7 @@ class Config:
     colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
     sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
     small_models: bool = True  # also renders models with half a beat of attributes (`spec.small`)
+    levels: bool = False  # also renders models with levels of detail (`spec.levels`)
 
     # Stages 0 and 1: cull and project.
     arithmetic: Float = FP24  # all numbers except depths
@@ -182,6 +183,8 @@ class Config:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         if self.lanes == "quads" and (self.rasterizers < 2 or self.logic == "fpga"):
             raise self._error("lanes", "needs two rasterizers, and logic 'gates'")
+        if self.levels and self.position == "absolute":
+            raise self._error("levels", "needs positions of the kind 'chunk'")
         if self.colours == "array" and self.sh_degree > 1:
             raise self._error("sh_degree", "is above 1, the highest degree of colours='array'")
         if self.faint:

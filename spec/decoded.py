@@ -125,7 +125,7 @@ class Decoded:
         if not model.format.small:
             return model.attribute_beats(model.first_beats(self.index))
         size = model.format.stored_record.size
-        stored = model.image[model.layout.attributes :][: len(model) * size]
+        stored = model.image[model.layout.attributes :][: model.count * size]
         return stored.reshape(-1, size)[self.index]
 
     @cached_property

@@ -78,6 +78,7 @@ def frame_constants(
     guard = guard * (1 + GUARD_ROUNDINGS * config.arithmetic.epsilon) * pixel
     spread = np.hypot(focal, limit)  # half-extent at z = 1 of a reach of one scene unit, at most
     constants = fixed_constants(config) | {"antialiased": float(antialiased)}
+    constants["lod"] = camera.lod_pixels / max(camera.fx, camera.fy)
     for axis, name in enumerate("xyz"):
         for k in range(3):
             constants[f"v{name}{k}"] = rows[axis, k]

@@ -30,6 +30,9 @@ The attributes of one chunk follow the attributes of the chunk before.
 Small models have codebooks and half a beat of attributes per Gaussian, so two Gaussians share a
 beat: L as integers of 4 bits times a common power of two, and opacity and offsets in coarser steps.
 `spec.small` expands them to the fields of a whole beat, exactly.
+
+Models with levels of detail also have coarser chunks. They are stored among the others, and each
+chunk header is followed by a record of where a view may stop refining (`spec.levels`).
 """
 
 from dataclasses import dataclass
@@ -51,8 +54,8 @@ from splatcore.spec.record import Array, Format, Record
 
 MAGIC = int.from_bytes(b"SPLT", "little")
 """The letters SPLT, which mark a packed model, and the machine in its register ID."""
-VERSIONS = 3, 4
-"""Versions of models: without, and with, `antialiased` set in their header."""
+VERSIONS = 3, 4, 5
+"""Versions of models: without, and with, `antialiased` set in their header; with levels."""
 
 ALIGNMENT = 64
 """Every part begins at a multiple of this many bytes, a short burst."""
@@ -65,6 +68,8 @@ COMPACT_DEGREE = 1
 
 CHUNK = 256
 """Gaussians per chunk (the last chunk of a model may have fewer)."""
+LEVEL_SIZE = 32
+"""Bytes of the record behind the chunk header in models with levels, `spec.levels.LEVEL`."""
 
 ORIGIN_BITS = 40  # of a coordinate of a chunk's origin, in grid steps
 OFFSET_BITS = 16  # of an offset from a chunk's origin
@@ -74,11 +79,8 @@ OCTANTS = 8  # of a chunk, by the top bits of the three offsets
 EXTENT_SHIFT = 8
 """A chunk's extent is its largest offset shifted right by this many bits."""
 
-ABSOLUTE = FP16
-"""An absolute coordinate (`position` "absolute")."""
-
-ABSOLUTE_EXPONENT = 1 - ABSOLUTE.bias - ABSOLUTE.fraction
-"""All absolute coordinates are multiples of 2^ABSOLUTE_EXPONENT."""
+ABSOLUTE = FP16  # an absolute coordinate (`position` "absolute")
+ABSOLUTE_EXPONENT = 1 - ABSOLUTE.bias - ABSOLUTE.fraction  # of the unit of such coordinates
 
 ON_DIAGONAL = ("l00", "l11", "l22")
 BELOW = ("l10", "l20", "l21")
@@ -87,23 +89,16 @@ BELOW = ("l10", "l20", "l21")
 FACTOR = Float(5, 10)  # element of L below the diagonal: FP16's bits without infinities
 DIAGONAL = Float(5, 10, signed=False)  # element on the diagonal
 
-OPACITY = Fixed(3, 5)
-"""−log2(opacity)."""
+OPACITY = Fixed(3, 5)  # −log2(opacity)
 
-ATTRIBUTE_BITS = 128
-"""Bits of the first beat of attributes: one machine beat."""
-
-SMALL_BITS = ATTRIBUTE_BITS // 2
-"""Bits of the attributes of a small model's Gaussian."""
+ATTRIBUTE_BITS = 128  # of the first beat of attributes: one machine beat
+SMALL_BITS = ATTRIBUTE_BITS // 2  # of the attributes of a small model's Gaussian
 
 MAGNITUDE = Bits(4)  # element of L on the diagonal, in a small model
 SIGNED_MAGNITUDE = Bits(MAGNITUDE.width + 1)  # element below the diagonal, the sign on top
 
-SHARED_EXPONENT = Bits(5)
-"""Common power of two of these elements: 2^(code + `spec.small.UNIT`)."""
-
-SMALL_OPACITY = Fixed(3, 2)
-"""−log2(opacity) of a small model."""
+SHARED_EXPONENT = Bits(5)  # common power of two of these elements: 2^(code + `spec.small.UNIT`)
+SMALL_OPACITY = Fixed(3, 2)  # −log2(opacity) of a small model
 
 COMPONENT = Fixed(11, 0, signed=True)  # of a colour entry, in units of 2^E of degree 0
 SLOPE = Fixed(9, 0, signed=True)  # of an SH entry, in units of 2^E of degree 1
@@ -137,7 +132,8 @@ HEADER = Record(
         "colours": Bits(32),  # likewise; the SH codebook follows the colour codebook
         "end": Bits(32),  # likewise
         "antialiased": Bits(1),  # opacities are compensated for the blur (`spec.compensation`)
-        "spare": Bits(31),
+        "levels": Bits(1),  # there are coarser chunks (`spec.levels`)
+        "spare": Bits(30),
         "reserved": Array(Bits(32), 2),
     },
 )
@@ -160,7 +156,6 @@ CHUNK_HEADER = Record(
 )
 """Header of a chunk."""
 
-
 COLOUR_ENTRY = Record("colour", {"rgb": Array(COMPONENT, 3), "reserved": Bits(28)})
 """One entry of a colour codebook stage, 64 bits."""
 
@@ -181,6 +176,7 @@ class ModelFormat:
     colour_index: tuple[int, ...]  # index bits of each codebook stage; empty for models in steps
     sh_index: tuple[int, ...]  # likewise
     small: bool = False  # attributes take half a beat
+    levels: bool = False  # a record follows each chunk header
 
     @property
     def codebooks(self) -> bool:
@@ -226,6 +222,11 @@ class ModelFormat:
         return Record("attribute", fields | ({"reserved": Bits(spare)} if spare else {}))
 
     @property
+    def header_stride(self) -> int:
+        """Bytes from one chunk header to the next."""
+        return CHUNK_HEADER.size + LEVEL_SIZE * self.levels
+
+    @property
     def position_stride(self) -> int:
         """Bytes from one chunk's positions to the next chunk's."""
         return CHUNK * self.position_record.width // 8
@@ -263,7 +264,7 @@ class ModelFormat:
         chunks, rest = divmod(count, CHUNK)
         sizes = (
             HEADER.size,
-            chunk_count(count) * CHUNK_HEADER.size,
+            chunk_count(count) * self.header_stride,
             chunks * self.position_stride + -(-rest * self.position_record.width // 8),
             count * self.stored_record.size + harmonics * ATTRIBUTE_BITS // 8,
             self.colour_entries * COLOUR_ENTRY.size,

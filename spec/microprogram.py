@@ -33,6 +33,7 @@ from splatcore.spec.config import Config
 from splatcore.spec.programs import (
     BASIS_CONSTANTS,
     CONSTANTS,
+    LEVEL_CONSTANTS,
     PROJECTIONS,
     SQUARE_CONSTANTS,
     TEXTS,
@@ -185,6 +186,7 @@ def constants(config: Config) -> tuple[str, ...]:
     """Return the names in `CONSTANTS` that a machine uses as registers of the frame."""
     left_out = (*BASIS_CONSTANTS, *(SQUARE_CONSTANTS if config.tile_test == "exact" else ()))
     left_out += () if config.compensates else MODEL_CONSTANTS
+    left_out += () if config.levels else LEVEL_CONSTANTS
     return tuple(name for name in CONSTANTS if name not in left_out)
 
 

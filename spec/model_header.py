@@ -30,13 +30,18 @@ class ModelHeader:
                 f"{self.value('version')} is not {' or '.join(map(str, memory.VERSIONS))}; repack "
                 "the scene: splatcore pack SCENE -o MODEL",
             )
-        if self.value("version") != memory.VERSIONS[self.antialiased]:
+        has_levels = self.value("version") == memory.VERSIONS[-1]
+        if self.value("levels") != has_levels:
+            self.refuse("levels", f"does not go with version {self.value('version')}")
+        if not has_levels and self.value("version") != memory.VERSIONS[self.antialiased]:
             self.refuse("antialiased", f"does not go with version {self.value('version')}")
         degree = self.value("sh_degree")
         if degree > SH_DEGREE_MAX:
             self.refuse("sh_degree", f"{degree} is not in 0 … {SH_DEGREE_MAX}")
         if self.value("position") >= len(memory.POSITION_FORMATS):
             self.refuse("position", f"{self.value('position')} is unknown")
+        if has_levels and self.format.position == "absolute":
+            self.refuse("levels", "is only for models with a grid")
         for field in ("position_exponent", "factor_exponent"):
             if abs(self.value(field)) > memory.EXPONENT_MAX:
                 self.refuse(field, f"{self.value(field)} is not within ± {memory.EXPONENT_MAX}")
@@ -73,8 +78,9 @@ class ModelHeader:
         """Return a number of the header."""
         return int(HEADER[field].decode(self.header[field])[0])
 
-    def __len__(self) -> int:
-        """Return the number of Gaussians."""
+    @property
+    def count(self) -> int:
+        """Number of stored Gaussians, those of coarser levels included."""
         return self.value("count")
 
     @property
@@ -90,7 +96,8 @@ class ModelHeader:
         }
         position = memory.POSITION_FORMATS[self.value("position")]
         small = bool(self.value("small"))
-        return ModelFormat(self.value("sh_degree"), position, **stages, small=small)
+        levels = bool(self.value("levels"))
+        return ModelFormat(self.value("sh_degree"), position, **stages, small=small, levels=levels)
 
     @cached_property
     def exponents(self) -> list[int]:
@@ -99,4 +106,4 @@ class ModelHeader:
 
     def layout_of(self, harmonics: int) -> Layout:
         """Return the byte offsets of the parts with `harmonics` beats of harmonics in all."""
-        return self.format.layout(len(self), harmonics)
+        return self.format.layout(self.count, harmonics)

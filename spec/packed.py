@@ -9,6 +9,7 @@ import numpy as np
 from splatcore.spec import memory
 from splatcore.spec.colour import CHANNELS, LAYOUTS, Harmonics
 from splatcore.spec.decoded import Decoded
+from splatcore.spec.levels import LEVEL, Levels, fault
 from splatcore.spec.model_header import ModelHeader
 from splatcore.spec.record import Record
 from splatcore.spec.scene import Gaussians, Scene, batches, sh_count
@@ -19,14 +20,17 @@ LAYOUT_BEATS = np.array([layout.beats for layout in LAYOUTS])
 
 @dataclass(frozen=True, eq=False)
 class PackedModel(ModelHeader):
-    """The image of a model in DRAM."""
+    """The image of a model in DRAM.
+
+    Its length and its Gaussians are the finest level's; `count` and `stored` are about all chunks.
+    """
 
     def __post_init__(self):
         """Raise InputError, naming the field, unless the header describes the image."""
         super().__post_init__()
         refuse, degree, codebooks = self.refuse, self.value("sh_degree"), self.format.codebooks
         if len(self.image) < self.layout_of(0).positions:
-            refuse("count", f"{len(self)} needs chunk headers beyond the file's end")
+            refuse("count", f"{self.count} needs chunk headers beyond the file's end")
         if codebooks and self.chunks["harmonics"].any():
             refuse("harmonics", "of a chunk do not go with codebooks")
         for k in np.flatnonzero(np.bincount(self.chunks["harmonics"])):
@@ -34,17 +38,31 @@ class PackedModel(ModelHeader):
                 refuse("harmonics", f"{k} of a chunk does not go with SH degree {degree}")
         expected = self.layout.end
         if len(self.image) != expected:
-            refuse("count", f"{len(self)} needs {expected} bytes but there are {len(self.image)}")
+            refuse("count", f"{self.count} needs {expected} bytes but there are {len(self.image)}")
         for part in memory.PLACED:
             if self.value(part) * memory.ALIGNMENT != getattr(self.layout, part):
                 refuse(part, f"{self.value(part) * memory.ALIGNMENT} is not where this part begins")
         if self.value("checksum") != checksum(self.image):
             refuse("checksum", "is wrong: the file is damaged")
+        if self.levels and (found := fault(self.levels, self.chunk_beats)):
+            refuse(*found)
+
+    def __len__(self) -> int:
+        """Return the number of Gaussians of the finest level."""
+        return self.count if self._finest is None else len(self._finest)
+
+    @cached_property
+    def _finest(self) -> np.ndarray | None:
+        """Numbers of the stored Gaussians of the finest level; None: all."""
+        if not self.levels:
+            return None
+        coarse = np.repeat(self.levels["error"] > 0, memory.CHUNK)[: self.count]
+        return np.flatnonzero(~coarse)
 
     @cached_property
     def layout(self) -> memory.Layout:
         """Byte offsets of the parts."""
-        return self.layout_of(int(memory.chunk_sizes(len(self)) @ (self.chunk_beats - 1)))
+        return self.layout_of(int(memory.chunk_sizes(self.count) @ (self.chunk_beats - 1)))
 
     @cached_property
     def chunk_beats(self) -> np.ndarray:
@@ -67,7 +85,7 @@ class PackedModel(ModelHeader):
     @property
     def beats(self) -> np.ndarray:
         """First beat [N] of each Gaussian's attributes, counted from the model's first."""
-        return self.first_beats(np.arange(len(self)))
+        return self.first_beats(np.arange(self.count))
 
     def attribute_bursts(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return first beats and lengths of the bursts that read the attributes of Gaussians.
@@ -87,8 +105,22 @@ class PackedModel(ModelHeader):
     @cached_property
     def chunks(self) -> dict[str, np.ndarray]:
         """Values of the chunk headers: the fields of `spec.memory.CHUNK_HEADER`."""
-        record, count = memory.CHUNK_HEADER, memory.chunk_count(len(self))
-        return record.decode(self._records(record, self.layout_of(0).chunks, count))
+        return self._headers(memory.CHUNK_HEADER, 0)
+
+    @cached_property
+    def levels(self) -> Levels | None:
+        """Values of the records of `spec.levels.LEVEL`; None: the model has no levels."""
+        if not self.format.levels:
+            return None
+        return self._headers(LEVEL, memory.CHUNK_HEADER.size)
+
+    def _headers(self, record: Record, place: int) -> dict[str, np.ndarray]:
+        """Return the values of a record at byte `place` of each chunk's header."""
+        start, stride = self.layout_of(0).chunks, self.format.header_stride
+        count = memory.chunk_count(self.count)
+        rows = self.image[start : start + count * stride].reshape(count, stride)
+        rows = np.ascontiguousarray(rows[:, place : place + record.size])
+        return record.decode(record.unpack(rows))
 
     def attribute_beats(self, index: np.ndarray) -> np.ndarray:
         """Return the beats [M, 16] of attributes with the given numbers, uint8."""
@@ -135,12 +167,18 @@ class PackedModel(ModelHeader):
 
     def decoded(self, index=slice(None)) -> Decoded:
         """Return the Gaussians that a numpy index (slice, mask or integers) selects."""
+        if self._finest is not None:
+            return Decoded(self, self._finest[index])
+        return self.stored(index)
+
+    def stored(self, index=slice(None)) -> Decoded:
+        """Return stored Gaussians of all levels, selected by a numpy index."""
         if isinstance(index, slice):
-            return Decoded(self, np.arange(*index.indices(len(self))))
+            return Decoded(self, np.arange(*index.indices(self.count)))
         index = np.asarray(index)
         if index.dtype == bool:
             return Decoded(self, np.flatnonzero(index))
-        return Decoded(self, np.where(index < 0, index + len(self), index).astype(np.int64))
+        return Decoded(self, np.where(index < 0, index + self.count, index).astype(np.int64))
 
     @property
     def stored_positions(self) -> np.ndarray:
@@ -187,13 +225,14 @@ class PackedModel(ModelHeader):
         """Coefficients [N, (degree+1)², 3] in the order of 3DGS."""
         return self.decoded().sh
 
-    def gaussians(self) -> Gaussians:
-        """Return the Gaussians exactly as the hardware reads them."""
-        count, sh = len(self), sh_count(self.format.sh_degree)
+    def gaussians(self, rows: slice = slice(None)) -> Gaussians:
+        """Return the Gaussians, or some of them, exactly as the hardware reads them."""
+        some = self.decoded(rows)
+        count, sh = len(some), sh_count(self.format.sh_degree)
         shapes = {"position": (3,), "factor": (3, 3), "opacity": (), "sh": (sh, 3)}
         found = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
         for batch in batches(count):
-            part = self.decoded(batch)
+            part = some[batch]
             for name, values in found.items():
                 values[batch] = getattr(part, name)
         return Gaussians(**found, antialiased=self.antialiased)

@@ -27,6 +27,14 @@ far_x = z_high * guard_x + margin_x
 far_y = z_high * guard_y + margin_y
 """
 
+LEVEL = """
+# largest error with which a group of coarser chunks is drawn (`spec.levels`): the pixels of error
+# at the nearest point of its sphere
+middle = vz0 * ray_x + vz1 * ray_y + vz2 * ray_z
+nearest = middle - radius
+error_max = nearest * lod
+"""
+
 CULL = """
 z = vz0 * ray_x + vz1 * ray_y + vz2 * ray_z
 """
@@ -192,12 +200,15 @@ blue = slope_blue * length_inverse + colour_blue
 CONSTANTS = (
     "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
-    "power square_reach spread_least antialiased"
+    "power square_reach spread_least antialiased lod"
 ).split() + list(BASIS_CONSTANTS)
 """Inputs that are the same for all items."""
 
 SQUARE_CONSTANTS = ("square_reach", "spread_least")
 """Constants that only machines with the 3σ square need."""
+
+LEVEL_CONSTANTS = ("lod",)
+"""Constants that only machines with levels of detail need."""
 
 CORNERS = {
     f"{axis}_{side}{k}": (f"v{axis}{k}", side)
@@ -236,6 +247,7 @@ PROJECTIONS = {"project": "exact", "square": "3sigma"}
 
 TEXTS = {
     "chunk": (CHUNK, "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y"),
+    "level": (LEVEL, "error_max"),
     "cull": (CULL, "z ray_x ray_y ray_z"),
     "cull_interval": (CULL + INTERVAL, "z farthest ray_x ray_y ray_z"),
     "place": (PLACE, "x y bound_x bound_y"),

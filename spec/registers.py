@@ -24,7 +24,7 @@ from splatcore.spec.counters import COUNTER_BITS, counters
 from splatcore.spec.frame import CAMERA, FrameConstants, fixed_constants
 from splatcore.spec.group import SPLAT_BITS
 from splatcore.spec.memory import ALIGNMENT, MAGIC, VERSIONS
-from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS
+from splatcore.spec.programs import BASIS_CONSTANTS, CONSTANTS, LEVEL_CONSTANTS
 from splatcore.spec.raster import COLOURS
 from splatcore.spec.work import STRIDE_ALIGNMENT, STRIDE_BITS, WORK_ALIGNMENT
 
@@ -138,6 +138,7 @@ class Register:
 def variable_constants(config: Config) -> list[str]:
     """Return the constants of `spec.programs` that depend on the camera."""
     others = {*fixed_constants(config), *BASIS_CONSTANTS, *MODEL_CONSTANTS}
+    others |= set() if config.levels else {*LEVEL_CONSTANTS}
     return [name for name in CONSTANTS if name not in others]
 
 

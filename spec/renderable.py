@@ -1,5 +1,7 @@
 """Compatibility of packed models and formats of pixels with machines."""
 
+from dataclasses import replace
+
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.memory import model_format
@@ -21,7 +23,11 @@ def check_renderable(config: Config, model: PackedModel):
         why = f"has positions of the kind '{format.position}', {preset} '{config.position}'"
     elif format.small and not config.small_models:
         why = f"has attributes in half a beat, {preset} reads whole beats only"
-    elif format.codebooks and format != model_format(config, format.sh_degree, format.small):
+    elif format.levels and not config.levels:
+        why = f"has levels of detail, {preset} renders models without"
+    elif format.codebooks and replace(format, levels=False) != model_format(
+        config, format.sh_degree, format.small
+    ):
         why = f"has other codebook sizes than {preset}"
     else:
         return

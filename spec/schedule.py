@@ -161,7 +161,7 @@ def pes(config: Config, program: Program) -> int:
         return -(-steps // schedule(config, projection(config)).interval)
     if program.name == "place":
         return -(-steps // point_cycles(config))
-    return 1 if program.name in ("chunk", *OF_POINTS) else config.pes * config.pe_arrays
+    return 1 if program.name in ("chunk", "level", *OF_POINTS) else config.pes * config.pe_arrays
 
 
 def units_of(config: Config, program: Program) -> dict[str, int]:

@@ -7,7 +7,9 @@ import numpy as np
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.source import Source
 from splatcore.spec.convention import ALPHA_MIN
-from splatcore.spec.memory import chunk_count
+from splatcore.spec.levels import heights
+from splatcore.spec.memory import chunk_count, chunk_sizes
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import batches
 
 PERCENTILES = (0, 1, 50, 99, 100)
@@ -71,6 +73,7 @@ def _describe_model(source: Source) -> dict:
         "file_bytes": os.path.getsize(source.name),
         "codebook_bytes": model.format.codebook_bytes,
         "bytes_per_gaussian": round(model.bytes_per_gaussian, 3),
+        **levels(model),
     } | dict.fromkeys(("lowest_corner", "highest_corner", "opacity_percentiles"))
     del facts["near"]
     if len(model):
@@ -78,6 +81,15 @@ def _describe_model(source: Source) -> dict:
         facts["highest_corner"] = _rounded(model.position.max(0))
         facts["opacity_percentiles"] = _rounded(np.percentile(model.opacity, PERCENTILES))
     return facts
+
+
+def levels(model: PackedModel) -> dict[str, list[int]]:
+    """Return chunks and Gaussians of each level of detail, the finest first; empty without."""
+    if not model.levels:
+        return {}
+    height, sizes = heights(model.levels), chunk_sizes(model.count)
+    chunks, gaussians = np.bincount(height), np.bincount(height, sizes)
+    return {"level_chunks": chunks.tolist(), "level_gaussians": gaussians.astype(int).tolist()}
 
 
 def _rounded(values: np.ndarray) -> list[float]:

@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from splatcore.app.cli import describe, options
 from splatcore.app.cli.options import option
@@ -21,6 +22,9 @@ from splatcore.sim.frame.unseen import note_empty
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 from splatcore.spec.scene import LARGE
+
+if TYPE_CHECKING:  # it imports numba
+    from splatcore.sim.frame.choose import Judged
 
 PSNR_MAX = 100.0  # more than 8-bit pictures can show
 
@@ -45,6 +49,12 @@ class Wanted:
     )
     sh_degree: int | None = option(
         None, "N", "Keep harmonics up to this degree.", min=0, max=3, panel=options.MACHINE
+    )
+    levels: bool = option(
+        False,
+        None,
+        "Add coarser levels of detail, for --lod-pixels; the machine must render them.",
+        panel=options.MACHINE,
     )
     parts: bool = option(
         False,
@@ -82,6 +92,8 @@ def pack_command(
     directly into DRAM, use --plain.
     """
     psnr = wanted.psnr
+    if wanted.levels and not config.levels:
+        raise InputError(f"--levels: preset {config.name} renders no levels of detail")
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, view.reading)
         original = source.unpacked
@@ -105,12 +117,16 @@ def pack_command(
         if wanted.parts or len(original) <= LARGE:
             losses = psnr_by_part(original, packed.model, seen, progress)
     parts = bytes_by_part(packed.model)
+    if wanted.levels:
+        packed = with_coarser(packed, config)
     for line in packed.report.notes:
         source.note(line)
     facts = asdict(packed.report) | source.stated | {
         "preset": config.name, "quality": packed.quality, "views": len(views),
         "psnr_db_packing": packed.psnr_db,
-    }  # fmt: skip
+    } | describe.levels(packed.model)  # fmt: skip
+    if not wanted.levels:
+        del facts["coarse_clipped"]
     with progress_bar(f"writing {output}"):
         data = file_bytes(packed.model, plain)
         write(output, data)
@@ -120,6 +136,15 @@ def pack_command(
     if psnr is not None and packed.psnr_db is not None and packed.psnr_db < psnr:
         console.print(f"{psnr:g} dB: not reached; the best is {packed.psnr_db:.2f} dB")
     return facts | size | {"bytes_by_part": parts, "psnr_db_packing_by_part": losses}
+
+
+def with_coarser(packed: "Judged", config: Config) -> "Judged":
+    """Return the packed scene with coarser levels of detail."""
+    from splatcore.model.levels.build import with_levels
+
+    with progress_bar("merging levels of detail"):
+        model, clipped = with_levels(packed.model, config)
+    return replace(packed, model=model, report=packed.report.with_levels(model, clipped))
 
 
 def parts_table(parts: dict[str, float], losses: dict[str, float | None]) -> Table:

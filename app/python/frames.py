@@ -8,6 +8,7 @@ import numpy as np
 
 from splatcore.app.python import check
 from splatcore.golden import pipeline
+from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack as packed
 from splatcore.model.pack.quality import QUALITIES
 from splatcore.model.pack.report import PackReport
@@ -32,6 +33,7 @@ def pack(
     quality: str | None = None,
     cameras: Sequence[Camera] = (),
     config: Config | str = DEFAULT,
+    levels: bool = False,
 ) -> tuple[PackedModel, PackReport]:
     """Pack a scene into a model for a machine.
 
@@ -39,6 +41,8 @@ def pack(
         smallest except small with at least 45 dB in all cameras, or without cameras the best
     cameras: list of views in which the quality is judged
     config: the machine, or a preset's name
+    levels: add coarser levels of detail, drawn by `Camera.lod_pixels`; the machine needs `levels`,
+        as in `preset("DEFAULT", levels=True)`
 
     Returns the model and a report on the losses. The model's length is its number of Gaussians,
     `image` its bytes (uint8), `bytes_per_gaussian` its size. The report has the largest errors and
@@ -52,8 +56,13 @@ def pack(
     views = check.views(cameras)
     if quality is None and views:
         found = choose(scene, config, views)
-        return found.model, found.report
-    return packed(scene, config, quality=quality or candidates(scene, config)[-1])
+        model, report = found.model, found.report
+    else:
+        model, report = packed(scene, config, quality=quality or candidates(scene, config)[-1])
+    if levels:
+        model, clipped = with_levels(model, config)
+        report = report.with_levels(model, clipped)
+    return model, report
 
 
 def render_reference(

@@ -64,31 +64,50 @@ def cheapest_pairs(scene: Scene, weight: np.ndarray, most: int) -> tuple[np.ndar
     count = min(NEIGHBOURS, len(scene) - 1)
     search = NearestNeighbors(n_neighbors=count + 1).fit(scene.position)
     distance, near = (found[:, 1:] for found in search.kneighbors(scene.position))  # [N, count]
-    size = np.maximum(area(scene.scale), np.finfo(np.float32).tiny)
-    colour = np.clip(scene.sh[:, 0] * SH_C0 + COLOUR_OFFSET, 0, 1)
-    apart = distance**2 / (size[:, None] + size[near])
-    apart += COLOUR * ((colour[:, None] - colour[near]) ** 2).sum(axis=2) + ALWAYS
-    cost = apart * weight[:, None] * weight[near] / (weight[:, None] + weight[near])
-    best = cost.argmin(axis=1)
-    rows = np.arange(len(scene))
+    cost = costs(scene, weight, distance**2, near)
+    return pairs(cost, near, weight, np.zeros(len(scene), np.int64), np.array([most]))
+
+
+def pairs(
+    cost: np.ndarray, near: np.ndarray, weight: np.ndarray, group: np.ndarray, room: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Disjoint pairs, cheapest first; in each, the heavier Gaussian comes first.
+
+    cost: [N, k] of merging a Gaussian with its neighbours `near` [N, k]
+    group: [N] of the pairs' first Gaussians
+    room: [G] maximum number of pairs of each group
+    """
+    rows, best = np.arange(len(cost)), cost.argmin(axis=1)
     partner = near[rows, best]
     order = np.argsort(cost[rows, best], kind="stable")
-    one, other = disjoint(order, partner, most)
+    one, other = disjoint(order, partner, group, room.copy())
     heavier = weight[one] >= weight[other]
     return np.where(heavier, one, other), np.where(heavier, other, one)
 
 
-@njit(cache=True)
-def disjoint(order, partner, most):
-    """The first pairs (n, partner[n]) in the order of n that share no member."""
+def costs(scene: Scene, weight: np.ndarray, square: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Costs [N, k] of merging Gaussians with neighbours.
+
+    square: [N, k] squared distances of the neighbours `near` [N, k]
+    """
+    size = np.maximum(area(scene.scale), np.finfo(np.float32).tiny)
+    colour = np.clip(scene.sh[:, 0] * SH_C0 + COLOUR_OFFSET, 0, 1)
+    apart = square / (size[:, None] + size[near])
+    apart += COLOUR * ((colour[:, None] - colour[near]) ** 2).sum(axis=2) + ALWAYS
+    return apart * weight[:, None] * weight[near] / (weight[:, None] + weight[near])
+
+
+@njit(cache=True, nogil=True)
+def disjoint(order, partner, group, room):
+    """The first pairs (n, partner[n]) in the order of n that share no member, as many per group as
+    there is room, which is counted down."""
     used = np.zeros(len(partner), np.bool_)
-    one, other = np.empty(most, np.int64), np.empty(most, np.int64)
+    one, other = np.empty(len(order), np.int64), np.empty(len(order), np.int64)
     found = 0
     for n in order:
-        if found == most:
-            break
-        if not used[n] and not used[partner[n]]:
+        if room[group[n]] > 0 and not used[n] and not used[partner[n]]:
             used[n] = used[partner[n]] = True
+            room[group[n]] -= 1
             one[found], other[found] = n, partner[n]
             found += 1
     return one[:found], other[:found]

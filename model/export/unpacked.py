@@ -6,8 +6,8 @@ from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 
 
-def unpacked(model: PackedModel) -> Scene:
-    """Return the scene of a packed model, as the machine reads it.
+def unpacked(model: PackedModel, rows: slice = slice(None)) -> Scene:
+    """Return the scene of a packed model, or some of its Gaussians, as the machine reads it.
 
     L = U·S·Vᵀ gives the covariance L·Lᵀ = U·S²·Uᵀ: U holds the axes, S their standard deviations.
     Copies that pad a chunk are Gaussians of size 0 and opacity just above 1/255; the machine draws
@@ -15,7 +15,7 @@ def unpacked(model: PackedModel) -> Scene:
     """
     from scipy.spatial.transform import Rotation
 
-    found = model.gaussians()
+    found = model.gaussians(rows)
     axes, scale, _ = np.linalg.svd(found.factor)
     axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a reflection
     quaternion = np.zeros((len(found), 4))

@@ -161,10 +161,11 @@ def decode(data: bytes, name: str) -> np.ndarray:
     end = header.value("end") * ALIGNMENT
     file.check_expansion(end, len(data), f"{name}: end")
     if header.layout_of(0).end > end:
-        raise input_error(name, f"count {len(header)} needs more bytes than end, {end}")
+        raise input_error(name, f"count {header.count} needs more bytes than end, {end}")
     reader = _Reader(data, begin, name)
     first = reader.rows(coded.chunk_table(header))
-    harmonics = CHUNK_HEADER.unpack(first)["harmonics"]
+    headers = np.ascontiguousarray(first[:, : CHUNK_HEADER.size])
+    harmonics = CHUNK_HEADER.unpack(headers)["harmonics"]
     others = coded.tables(header, harmonics)
     beats = sum(table.count * len(table.records) for table in others if table.repeats)
     if header.layout_of(beats).end != end:

@@ -73,7 +73,7 @@ def chunk_positions(
     origin, step, extent = (np.zeros((chunks, 3), np.int64) for _ in range(3))
     octant_end = np.zeros((chunks, memory.OCTANTS - 1), np.int64)
     stored = np.zeros((count, 3), np.uint16)
-    found = in_threads(lambda rows: _chunks(grid[order[rows]], bits), count)
+    found = in_threads(lambda rows: divided(grid[order[rows]], bits), count)
     for rows, batch in zip(batches(count), found, strict=True):
         own = slice(rows.start // memory.CHUNK, memory.chunk_count(rows.stop))
         within, stored[rows], origin[own], step[own], octant_end[own], extent[own] = batch
@@ -81,7 +81,7 @@ def chunk_positions(
     return Chunks(order, padding, exponent, origin, step, octant_end, extent, bits, stored)
 
 
-def _chunks(grid: np.ndarray, bits: int) -> tuple[np.ndarray, ...]:
+def divided(grid: np.ndarray, bits: int) -> tuple[np.ndarray, ...]:
     """Divide a batch of points [N, 3] on the grid, whole chunks, into octants.
 
     Returns the order [N] within the chunks, and the stored bits, origins, shifts, ends of octants

@@ -91,6 +91,7 @@ def header(model: Whole, layout: memory.Layout, check: int) -> np.ndarray:
         "count": model.count,
         "checksum": check,
         "antialiased": model.antialiased,
+        "levels": 0,
         "spare": 0,
         "position_exponent": memory.ABSOLUTE_EXPONENT if absolute else model.position_exponent,
         "factor_exponent": model.factor_exponent,

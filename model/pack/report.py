@@ -1,6 +1,6 @@
 """Report on packing a scene: counts, sizes, errors, and notes about losses."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,12 @@ class PackReport:
     sh_rms: list[float]  # per degree from 1, of the factors of its polynomials
     colour_error: float  # largest
     sh_error: list[float]  # largest, per degree from 1
+    coarse_clipped: int = 0  # scales of coarser levels that are larger than L can represent
+
+    def with_levels(self, model: PackedModel, clipped: int) -> "PackReport":
+        """Return the report with the sizes of the model with levels. clipped: `coarse_clipped`"""
+        size = {"bytes": len(model.image), "bytes_per_gaussian": model.bytes_per_gaussian}
+        return replace(self, **size, coarse_clipped=clipped)
 
     @property
     def notes(self) -> list[str]:
@@ -47,6 +53,9 @@ class PackReport:
             "far outside the scene, stored in chunks of {their} own": self.floaters,
             "of these moved nearer and shrunk in proportion": self.moved,
             "too large for the model's number format, clipped": self.clipped,
+            "of coarser levels too large for the model's number format, clipped": (
+                self.coarse_clipped
+            ),
             "off by more than {their} size, because positions are too far apart": self.coarse,
         }
         lines = [

@@ -10,7 +10,12 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from splatcore.golden.pipeline import Frame
-from splatcore.sim.cycles.preprocessing import bin_costs, chunk_interval, preprocessing_cycles
+from splatcore.sim.cycles.preprocessing import (
+    bin_costs,
+    chunk_interval,
+    level_costs,
+    preprocessing_cycles,
+)
 from splatcore.sim.cycles.raster import raster_cycles
 from splatcore.sim.cycles.rendering import rendering_cycles
 from splatcore.sim.cycles.sort import cycles as sort_cycles
@@ -56,8 +61,9 @@ class Cycles:
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
     """Cycles of a frame of the golden model. timing: of memory; only its latency is used."""
     points = frame.points
+    headers = np.count_nonzero(points.drawn) * chunk_interval(config)
     return Cycles(
-        chunk=len(points.read) * chunk_interval(config),
+        chunk=int(max(headers, level_costs(config, points).sum())),
         cull=len(points.step) * schedule(config, culling(config.depth_interval)).interval,
         place=int(np.count_nonzero(points.step)) * schedule(config, program("place")).interval,
         project=len(points.inside) * schedule(config, projection(config)).interval,

@@ -1,12 +1,12 @@
 """The options that decide how a scene is read and viewed, as one value."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from splatcore.model.formats.spz_axes import AXES
 from splatcore.sim.common.choice import choices
 from splatcore.sim.common.option import SCENE, option
-from splatcore.spec.camera import NEAR_LIMITS, Camera
+from splatcore.spec.camera import LOD_MAX, NEAR_LIMITS, Camera
 from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.error import InputError
 
@@ -66,18 +66,43 @@ class Reading(Marks):
         max=NEAR_LIMITS[1],
     )
 
+    lod_pixels: float | None = option(
+        None,
+        "PX",
+        "Of a model with levels of detail: draw coarser Gaussians where they are up to about PX "
+        "pixels off. Default: 0, the finest level.",
+        panel=SCENE,
+        min=0,
+        max=LOD_MAX,
+    )
+    max_gaussians: int | None = option(
+        None,
+        "N",
+        "The same, by the smallest PX with which at most N Gaussians are read.",
+        panel=SCENE,
+        min=1,
+    )
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.lod_pixels is not None and self.max_gaussians is not None:
+            raise InputError("use --lod-pixels or --max-gaussians, not both")
+
     @property
     def reading(self) -> "Reading":
         """These options alone, of a command that has more."""
-        return Reading(self.antialiased, self.axes, self.lod, self.near)
+        return Reading(**{field.name: getattr(self, field.name) for field in fields(Reading)})
 
     @property
     def options(self) -> tuple[str, ...]:
         """The given options, as on the command line."""
         axes = f"--axes {self.axes}" if self.axes else None
         lod = None if self.lod is None else f"--lod {self.lod}"
-        near = None if self.near is None else f"--near {self.near:g}"
-        return tuple(each for each in (ANTIALIASED.get(self.antialiased), axes, lod, near) if each)
+        views = {"near": self.near, "lod-pixels": self.lod_pixels}
+        views |= {"max-gaussians": self.max_gaussians}
+        given = [f"--{name} {value:g}" for name, value in views.items() if value is not None]
+        found = ANTIALIASED.get(self.antialiased), axes, lod, *given
+        return tuple(each for each in found if each)
 
     @property
     def near_plane(self) -> float:
@@ -85,14 +110,14 @@ class Reading(Marks):
         return NEAR_PLANE if self.near is None else self.near
 
     def seen(self, cameras: Iterable[Camera]) -> list[Camera]:
-        """Return cameras with the given near plane, or with their own."""
-        if self.near is None:
-            return list(cameras)
-        return [replace(camera, near=self.near) for camera in cameras]
+        """Return cameras with the given near plane and level of detail, or with their own."""
+        given = {name: getattr(self, name) for name in ("near", "lod_pixels")}
+        given = {name: value for name, value in given.items() if value is not None}
+        return [replace(camera, **given) for camera in cameras] if given else list(cameras)
 
     def check_unpacked(self, name: str):
         """Raise InputError if an option was given that a packed model has fixed."""
-        for given in replace(self, near=None).options:
+        for given in replace(self, near=None, lod_pixels=None, max_gaussians=None).options:
             fixed = {"--axes": "axes", "--lod": "level of detail"}.get(given.split()[0], "mark")
             why = f"a packed model has its own {fixed}; repack the scene"
             raise InputError(f"{given}: {name}: {why}: splatcore pack SCENE {given} -o MODEL")

@@ -6,7 +6,7 @@ with the reference's of the packed model ("machine") and of the original scene (
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -124,7 +124,21 @@ class Shot:
     def frame(self) -> tuple[PackedModel, Camera, tuple[int, int, int], bool]:
         """Model, camera, background (codes of `spec.colour.colour_format`) and `rgba`."""
         background = background_codes(self.config, self.convention.background)
-        return self.model, self.camera, background, self.rgba
+        return self.model, self.budgeted, background, self.rgba
+
+    @cached_property
+    def budgeted(self) -> Camera:
+        """The camera, with the level of detail that --max-gaussians asks for."""
+        most = self.source.reading.max_gaussians
+        if most is None or not self.model.levels:
+            return self.camera
+        from splatcore.golden.levels import pixels_for
+        from splatcore.spec.renderable import check_renderable
+
+        check_renderable(self.config, self.model)
+        pixels = pixels_for(self.config, self.model, self.camera, most)
+        self.source.note(f"camera {self.camera.name}: --lod-pixels {pixels:.4g}")
+        return replace(self.camera, lod_pixels=pixels)
 
     @property
     def job(self) -> "Job":

@@ -1,0 +1,162 @@
+"""The choice of levels in the golden model, and its cycles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden import pipeline
+from splatcore.golden.levels import cut, pixels_for
+from splatcore.golden.points import project_points
+from splatcore.golden.reference import render as render_reference
+from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.levels.build import with_levels
+from splatcore.model.pack.pack import pack
+from splatcore.sim.cycles.frame import frame_cycles
+from splatcore.sim.cycles.preprocessing import level_costs
+from splatcore.sim.frame.metric import psnr
+from splatcore.spec.camera import LOD_MAX
+from splatcore.spec.config import DEFAULT
+from splatcore.spec.frame import frame_constants
+from splatcore.spec.levels import groups, jumped
+from splatcore.spec.memory import CHUNK
+from splatcore.spec.microprogram import constants, program
+from splatcore.spec.packed import PackedModel
+from splatcore.spec.registers import variable_constants
+from splatcore.spec.schedule import schedule
+from tb.helpers.refusal import refused
+
+LEVELS = replace(DEFAULT, name="LEVELS", levels=True)
+CAMERA = replace(generated_camera("garden").resized(160, 90), name="garden")
+FAR = replace(CAMERA.resized(80, 45), translation=np.add(CAMERA.translation, [0, 0, 40]))
+AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])
+
+
+@pytest.fixture(scope="module")
+def models() -> tuple[PackedModel, PackedModel]:
+    """A garden without levels, and with them."""
+    plain, _ = pack(generate("garden", 40 * CHUNK - 30), LEVELS, quality="compact")
+    return plain, with_levels(plain, LEVELS)[0]
+
+
+def constants_of(model: PackedModel, camera):
+    exponents = model.value("position_exponent"), model.value("factor_exponent")
+    return frame_constants(LEVELS, camera, *exponents)
+
+
+def walk(levels, enough) -> list[int]:
+    """The chunks that a machine draws, one by one."""
+    drawn, k = [], 0
+    while k < len(enough):
+        if levels["error"][k] == 0 or enough[k]:
+            drawn.append(k)
+        k = int(levels["jump"][k]) if enough[k] and levels["last"][k] else k + 1
+    return drawn
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_place_once(models, seed):
+    """Whatever groups are coarse enough: each finest chunk is drawn, or one group above it."""
+    levels = models[1].levels
+    rng, count = np.random.default_rng(seed), len(levels["error"])
+    enough = np.zeros(count, bool)
+    for start, end, _ in groups(levels):
+        enough[start:end] = rng.random() < rng.random()
+    visited = ~jumped(levels, enough)
+    drawn = np.flatnonzero(visited & (enough | (levels["error"] == 0))).tolist()
+    assert drawn == walk(levels, enough)
+    times = np.zeros(count, int)
+    for start, end, jump in groups(levels):
+        assert len({k in drawn for k in range(start, end)}) == 1
+        times[end:jump] += start in drawn
+    times[levels["error"] == 0] += np.isin(np.flatnonzero(levels["error"] == 0), drawn)
+    assert (times[levels["error"] == 0] == 1).all()
+
+
+@pytest.mark.parametrize("camera", [CAMERA, AMID], ids=["front", "amid"])
+@pytest.mark.parametrize("pixels", [0.25, 1.0, 4.0, 1000.0])
+def test_cut(models, camera, pixels):
+    """The cut is the one of exact arithmetic, except where the error is within a rounding."""
+    model = models[1]
+    camera = replace(camera, lod_pixels=pixels)
+    levels, step = model.levels, 2.0 ** model.value("position_exponent")
+    depth = (levels["centre"] * step) @ camera.rotation[2] + camera.translation[2]
+    most = pixels / max(camera.fx, camera.fy) * (depth - levels["radius"])
+    coarse = levels["error"] > 0
+    sure = np.abs(most - levels["error"]) > 2e-4 * np.abs(most)
+    drawn, tested = cut(LEVELS, constants_of(model, camera), model)
+    expected = walk(levels, coarse & (levels["error"] < most))
+    assert sure.all() and np.flatnonzero(drawn).tolist() == expected
+    first = [start for start, *_ in groups(levels)]
+    assert set(np.flatnonzero(tested)) <= set(first)
+
+
+def test_equal_is_refined(models):
+    """An error equal to the limit refines its group; the next smaller one does not."""
+    model = models[1]
+    plain = replace(CAMERA, rotation=np.eye(3), translation=np.zeros(3), fx=64.0, fy=32.0)
+    limit, code = 2.0**-6, 2.0**-15  # at lod 1/64 and depth 1
+    centre = np.zeros((len(model.levels["error"]), 3))
+    centre[:, 2] = 1.5 * 2.0 ** -model.value("position_exponent")
+    for error, enough in ((limit, False), (limit - code, True)):
+        levels = model.levels | {"centre": centre, "radius": np.full(len(centre), 0.5)}
+        levels["error"] = np.where(levels["error"] > 0, error, 0)
+        changed = PackedModel(model.image, "changed")
+        vars(changed)["levels"] = levels
+        view = replace(plain, lod_pixels=1.0)
+        drawn, _ = cut(LEVELS, constants_of(model, view), changed)
+        assert drawn[0] == enough and drawn.sum() == (2 if enough else 40)
+
+
+def test_no_pixels_is_the_finest_level(models):
+    """At 0 pixels pictures, counts and cycles of all later stages are those without levels."""
+    plain, _ = models
+    for camera in (CAMERA, AMID):
+        frames = [pipeline.render(LEVELS, each, camera) for each in models]
+        assert np.array_equal(frames[0].pixels, frames[1].pixels)
+        assert frames[0].counts == frames[1].counts
+        one, other = (frame_cycles(LEVELS, frame) for frame in frames)
+        assert replace(one, preprocessing=other.preprocessing) == other
+        assert one.preprocessing <= other.preprocessing < 1.2 * one.preprocessing
+        assert frame_cycles(DEFAULT, pipeline.render(DEFAULT, plain, camera)) == one
+
+
+def test_coarser_levels_cost_less(models):
+    """From afar, half the Gaussians show the same picture, in half the cycles."""
+    plain, model = models
+    exact = render_reference(plain.gaussians(), FAR).pixels / 255
+    frames = [
+        pipeline.render(LEVELS, model, replace(FAR, lod_pixels=pixels)) for pixels in (0.0, 1.0)
+    ]
+    read = [frame.counts["points_read"] for frame in frames]
+    cycles = [frame_cycles(LEVELS, frame).frame for frame in frames]
+    assert read[1] < 0.5 * read[0] and cycles[1] < 0.5 * cycles[0]
+    assert psnr(frames[1].pixels / 255, exact) > 55
+
+
+def test_cycles_of_levels(models):
+    """One group at a time is tested; other headers pass at four cycles each."""
+    found = [project_points(LEVELS, each, replace(FAR, lod_pixels=1.0), False) for each in models]
+    assert not level_costs(LEVELS, found[0]).any()
+    costs, tested = level_costs(LEVELS, found[1]), found[1].tested
+    assert (costs[tested] == schedule(LEVELS, program("level")).length).all() and tested.any()
+    assert (costs[~tested] == 4).all()
+
+
+def test_budget(models):
+    """The fewest pixels with which at most so many Gaussians are read."""
+    model = models[1]
+    for most, least in ((20_000, 0), (8_000, None), (1_000, LOD_MAX)):
+        pixels = pixels_for(LEVELS, model, FAR, most)
+        views = [replace(FAR, lod_pixels=each) for each in (pixels, 0.999 * pixels)]
+        enough, more = (cut(LEVELS, constants_of(model, v), model)[0].sum() for v in views)
+        assert pixels == least or enough * CHUNK - 30 <= most < more * CHUNK - 30
+
+
+def test_machines_without_levels(models):
+    refused("has levels of detail, preset DEFAULT", pipeline.render, DEFAULT, models[1], CAMERA)
+    from splatcore.hdl.top import Top
+
+    refused("preset LEVELS: levels are not built", Top, LEVELS)
+    assert "lod" in constants(LEVELS) and "lod" in variable_constants(LEVELS)
+    assert "lod" not in constants(DEFAULT) and "lod" not in variable_constants(DEFAULT)
