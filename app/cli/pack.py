@@ -73,6 +73,11 @@ class Wanted:
         if psnr is not None and not 0 < psnr <= PSNR_MAX:
             raise InputError(f"--psnr {psnr:g}: is not in 0 … {PSNR_MAX:g} dB")
 
+    def check(self, config: Config):
+        """Raise InputError if the machine renders no levels but they are wanted."""
+        if self.levels and not config.levels:
+            raise InputError(f"--levels: preset {config.name} renders no levels of detail")
+
 
 @options.command("pack")
 def pack_command(
@@ -92,8 +97,7 @@ def pack_command(
     directly into DRAM, use --plain.
     """
     psnr = wanted.psnr
-    if wanted.levels and not config.levels:
-        raise InputError(f"--levels: preset {config.name} renders no levels of detail")
+    wanted.check(config)
     with progress_bar(f"reading {scene}"):
         source = open_source(scene, view.reading)
         original = source.unpacked

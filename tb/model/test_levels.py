@@ -10,6 +10,7 @@ from splatcore.model.generate.generate import generate
 from splatcore.model.levels import merging
 from splatcore.model.levels.build import SIZE, with_levels
 from splatcore.model.pack.pack import pack
+from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.levels import LEVEL, groups, heights
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, chunk_count
@@ -22,14 +23,17 @@ from tb.helpers.refusal import refused
 LEVELS = replace(DEFAULT, name="LEVELS", levels=True)
 
 
-def packed(scene: Scene, quality: str = "compact") -> tuple[PackedModel, PackedModel]:
+def packed(scene: Scene, quality: str | np.ndarray = "compact") -> tuple[PackedModel, PackedModel]:
     """A model without levels, and with them."""
     model, _ = pack(scene, LEVELS, quality=quality)
     return model, with_levels(model, LEVELS)[0]
 
 
-@pytest.fixture(scope="module", params=["compact", "balanced", "small"])
+@pytest.fixture(scope="module", params=["compact", "mixed", "small"])
 def models(request) -> tuple[PackedModel, PackedModel]:
+    """mixed: chunks with 1 to 4 beats per Gaussian"""
+    if request.param == "mixed":
+        return packed(cloud(2, 13 * CHUNK + 77, degree=3), np.arange(14) * 5 % len(LAYOUTS))
     return packed(generate("garden", 13 * CHUNK + 77), request.param)
 
 
@@ -82,7 +86,7 @@ def test_spheres_and_errors(models):
         assert away <= levels["radius"][start] < 2 * away + step
         assert levels["error"][start] >= levels["error"][end:jump].max()
         coarse = position[(of >= start) & (of < end)]
-        assert (coarse >= own.min(0) - 1e-6).all() and (coarse <= own.max(0) + 1e-6).all()
+        assert (coarse >= own.min(0) - 1e-3).all() and (coarse <= own.max(0) + 1e-3).all()
 
 
 def test_merging():
