@@ -18,7 +18,7 @@ def simulator_command(
         None, "DIR", "Also measure another checkout of this repository, in turn; print the ratios."
     ),
 ) -> dict:
-    """Measure CPU seconds of building and of simulating a machine in RTL.
+    """Measure CPU seconds of building and of simulating in RTL.
 
     Each command runs in a process of its own, with an empty cache: first a program is built, then a
     frame is simulated three times. The golden model and comparisons are left out.

@@ -67,13 +67,13 @@ def bench_simulator(preset: str, scene: str, size: str, other: Path | None) -> d
         "frame, CPU seconds": [each / ROUNDS for each in frames],
         "cycles per CPU second": rates,
     }
-    rows = [_row(what, *(round(each, 3) for each in found)) for what, found in figures.items()]
+    rows = [_row(name, *(round(each, 3) for each in found)) for name, found in figures.items()]
     return {"preset": preset, "size": size, "scene": scene, "cycles": cycles, "rows": rows}
 
 
-def _row(what: str, here: float, against: float | None = None) -> dict:
+def _row(name: str, here: float, against: float | None = None) -> dict:
     ratio = round(here / against, 3) if against else None
-    return {"what": what, "here": here, "against": against, "ratio": ratio}
+    return {"what": name, "here": here, "against": against, "ratio": ratio}
 
 
 def table(found: dict) -> Table:
