@@ -147,7 +147,7 @@ def project(
     del found
     order = np.argsort(np.concatenate(parts["depth"]), kind="stable")
     # A field's parts are gone before those of the next one are joined.
-    return Splats(*(np.concatenate(parts.pop(name))[order] for name in [*parts])), counts
+    return Splats(*(np.concatenate(parts.pop(name)).take(order, 0) for name in [*parts])), counts
 
 
 def _visible(
