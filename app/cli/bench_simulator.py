@@ -5,12 +5,14 @@ from pathlib import Path
 from splatcore.app.cli import options
 from splatcore.app.cli.bench import PIXELS
 from splatcore.app.cli.options import command, option
+from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.size import parse_size
 from splatcore.spec.config import Config
 
 
 @command("bench simulator")
 def simulator_command(
+    reading: Reading,
     scene: str = options.SOURCE,
     size: str = PIXELS,
     config: Config = options.PRESET,
@@ -27,6 +29,6 @@ def simulator_command(
     from splatcore.study.bench import simulator
 
     other = None if against is None else Path(against)
-    found = simulator.bench_simulator(config.name, scene, pixels, other)
+    found = simulator.bench_simulator(config.name, scene, reading, pixels, other)
     simulator.table(found).print()
     return found

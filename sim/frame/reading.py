@@ -99,8 +99,8 @@ class Reading(Marks):
         axes = f"--axes {self.axes}" if self.axes else None
         lod = None if self.lod is None else f"--lod {self.lod}"
         views = {"near": self.near, "lod-pixels": self.lod_pixels}
-        views |= {"max-gaussians": self.max_gaussians}
         given = [f"--{name} {value:g}" for name, value in views.items() if value is not None]
+        given += [f"--max-gaussians {self.max_gaussians}"] * (self.max_gaussians is not None)
         found = ANTIALIASED.get(self.antialiased), axes, lod, *given
         return tuple(each for each in found if each)
 

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 from splatcore.sim.common.output import progress_bar
 from splatcore.sim.common.table import Column, Table
+from splatcore.sim.frame.reading import Reading
 from splatcore.spec.cache import VARIABLE
 from splatcore.spec.error import InputError
 from splatcore.study.bench.measured import Checkout
@@ -25,7 +26,9 @@ COLUMNS = (
 )
 
 
-def bench_simulator(preset: str, scene: str, size: str, other: Path | None) -> dict:
+def bench_simulator(
+    preset: str, scene: str, reading: Reading, size: str, other: Path | None
+) -> dict:
     """Measure the checkouts; return a list of rows, each with a figure here and there.
 
     Raises InputError if a command fails.
@@ -42,6 +45,7 @@ def bench_simulator(preset: str, scene: str, size: str, other: Path | None) -> d
             """CPU seconds of a frame. its: size"""
             advance(0, None, f"checkout {number}, {engine}, {its}")
             words = ["render", scene, "--preset", preset, "--size", its, "--engine", engine]
+            words += " ".join(reading.options).split()
             folder = folders[number]
             cost = checkouts[number].measured(
                 [*words, "-o", "frame.png", *more], folder, {VARIABLE: str(folder / "cache")}

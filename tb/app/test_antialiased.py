@@ -198,7 +198,10 @@ def test_every_command_with_a_scene_has_the_option():
 def test_views_of_benchmarks(place, monkeypatch, antialiased):
     """Every view of `bench` opens the scene with the override, and its name contains the option:
     results measured with the file's own mark are not reused for it."""
-    campaign = bench.Campaign(antialiased, None, None, None, Path("out"), ["mip.ply"], "4", "64x48")
+    campaign = bench.Campaign(
+        antialiased, output=Path("out"), scene=["mip.ply"], cameras="4", size="64x48",
+        axes=None, near=None, lod_pixels=None, max_gaussians=None,
+    )  # fmt: skip
     assert campaign.reading == Reading(antialiased)
     views = [*campaign.views([TINY]), campaign.view_of("mip.ply:4", "64x48")]
     own = scenes.views(["mip.ply"], "4", "64x48")[0]
