@@ -239,7 +239,7 @@ def edited(image: np.ndarray, offset: int, width: int, value: int) -> PackedMode
 
 CHUNK_AT = 8 * 64  # bit at which chunk headers begin
 EDITS = {
-    "version": (HEADER.offset("version"), 16, 2, r"version 2 is not 3 or 4; repack"),
+    "version": (HEADER.offset("version"), 16, 2, r"version 2 is not 3 or 4 or 5; repack"),
     "unmarked": (HEADER.offset("version"), 16, 4, "antialiased does not go with version 4"),
     "marked": (HEADER.offset("antialiased"), 1, 1, "antialiased does not go with version 3"),
     "degree": (HEADER.offset("sh_degree"), 8, 4, "sh_degree 4 is not in 0 … 3"),
