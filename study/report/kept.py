@@ -117,15 +117,16 @@ def listed(value: object) -> object:
 
 
 def encoded(leaf: Leaf, value: object) -> str:
-    """Encode a value as a cell. Text stands as it is, everything else is JSON."""
-    if isinstance(value, str) and is_text(leaf.kind):
+    """Encode a value as a cell. Text stands as it is, everything else is JSON; an empty cell is a
+    value that is not there."""
+    if isinstance(value, str) and value and is_text(leaf.kind):
         return value
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def decoded(leaf: Leaf, cell: str) -> object:
     """Decode a cell; ValueError if it is invalid."""
-    if is_text(leaf.kind) and cell != "null":
+    if is_text(leaf.kind) and cell not in ("null", '""'):
         return cell
     return json.loads(cell, parse_constant=float)  # the report rejects NaN in JSON files only
 

@@ -13,8 +13,10 @@ import pytest
 from splatcore.sim.common import version
 from splatcore.sim.common.output import write_json
 from splatcore.spec.config import CLOCK_HZ
-from splatcore.study.report.kept import FOLDER, files, read_kept, tables
+from splatcore.study.report.kept import FOLDER, decoded, encoded, files, read_kept, tables
+from splatcore.study.results.fields import leaves
 from splatcore.study.results.known import RESULTS
+from splatcore.study.results.scale import Cost
 from tb.helpers.command import ROOT, make, run
 from tb.helpers.report_page import Page, Report
 from tb.helpers.report_samples import VERSION, write
@@ -106,6 +108,14 @@ def test_command_and_version_are_shown(kept, tmp_path, capsys):
     assert table["commands"] == [command] and table["versions"] == [VERSION]
     assert f"measured with {VERSION}" in found.text
     assert any(command in figure.command for figure in Page(found.text).figures)
+
+
+def test_empty_text_is_no_missing_value():
+    """An empty reason of a failure comes back as it was; an empty cell is a missing value."""
+    why = next(leaf for leaf in leaves(Cost) if leaf.key == "why")
+    for text in ("", "out of memory"):
+        cell = encoded(why, text)
+        assert cell and decoded(why, cell) == text
 
 
 def test_no_folder_is_kept(samples, tmp_path):
