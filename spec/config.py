@@ -91,7 +91,7 @@ class Config:
     depth: Float = Float(7, 20, signed=False, subnormal=False)  # depths and keys (`spec.depth`)
     screen_exponent: int = 0  # unit of length on the screen: 2^screen_exponent pixels
     pe_arrays: int = size(1, 1, 4)  # multiplies `pes`
-    pes: int = size(9, 1, 16)  # processing elements of the projection's array
+    pes: int = size(14, 1, 16)  # processing elements of the projection's array
     depth_interval: bool = False  # cull by z + Δz instead of the centre's z
     # Culling before the projection. "near": at the near plane. "all": also at the guard band.
     culling: Literal["none", "near", "all"] = "all"
@@ -123,10 +123,10 @@ class Config:
     merge_ways: int = size(16, 2, 16, power=True)  # runs merged at a time
 
     # Stage 3: rasterize. E = log2(opacity) − Q·log2(e)/2 in fixed point.
-    rasterizers: int = size(4, 1, 16, power=True)  # each has 16 lanes, one per pixel of a block
-    # "block": a rasterizer's lanes blend one block at a time. "quads": two rasterizers share 16
+    rasterizers: int = size(8, 1, 16, power=True)  # each has a part of the blocks of every tile
+    # "block": each rasterizer has 16 lanes, which blend one block at a time. "quads": two share 16
     # lanes, in four sets of 2×2 pixels, each with a queue for either rasterizer.
-    lanes: Literal["block", "quads"] = "block"
+    lanes: Literal["block", "quads"] = "quads"
     exponent_fraction: int = bits(  # fraction bits of E's coefficients
         14, limits=(10, 18), tried=(11, 12, 13, 16), coarse=12, fine=16,
         parts=("evaluate", "mark"),
@@ -182,7 +182,7 @@ class Config:
         if not 8 <= self.sort_key_bits <= 24:
             raise self._error("sort_digits", "do not sum to 8 … 24 bits")
         if self.lanes == "quads" and (self.rasterizers < 2 or self.logic == "fpga"):
-            raise self._error("lanes", "needs two rasterizers, and logic 'gates'")
+            raise self._error("lanes", "needs two rasterizers and logic 'gates'; 'block' does not")
         if self.levels and self.position == "absolute":
             raise self._error("levels", "needs positions of the kind 'chunk'")
         if self.colours == "array" and self.sh_degree > 1:
@@ -253,6 +253,8 @@ PAPER = Config(
     screen_exponent=5,
     pes=6,
     projection_slots=32,
+    rasterizers=4,
+    lanes="block",
     tile_test="3sigma",
     faint=(),
     sub_sorter="trees",
@@ -274,9 +276,14 @@ TINY = Config(
     port=128,
     sub_sorter_entries=16,
     merge_ways=4,
+    pes=9,
     rasterizers=2,
+    lanes="block",
 )
 """Small enough to reach overflow and full states within seconds of simulation."""
+
+SMALL = Config(name="SMALL", pes=9, rasterizers=4)
+"""DEFAULT with half of the lanes and a Gaussian every 6 cycles."""
 
 FPGA = Config(
     name="FPGA",
@@ -286,6 +293,7 @@ FPGA = Config(
     add_latency=4,
     unary_latency=5,
     rasterizers=1,
+    lanes="block",
     logic="fpga",
     sub_sorter_entries=64,
     merge_ways=8,
@@ -301,5 +309,5 @@ HEADSET = Config(name="HEADSET", width_max=2064, height_max=2208)
 UHD = Config(name="UHD", width_max=3840, height_max=2160)
 """DEFAULT for images of 3840×2160 pixels."""
 
-PRESETS = {config.name: config for config in (DEFAULT, PAPER, TINY, FPGA, HEADSET, UHD)}
+PRESETS = {config.name: config for config in (DEFAULT, SMALL, PAPER, TINY, FPGA, HEADSET, UHD)}
 """Built-in presets by name."""

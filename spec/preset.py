@@ -1,7 +1,7 @@
 """Presets by name, or from a TOML file: `base`, `name`, then fields of `Config` by name.
 
 base = "DEFAULT"     # preset with the other fields' values; DEFAULT if left out
-name = "small"       # letters, digits, _ and -; the file's name if left out
+name = "mine"        # letters, digits, _ and -; the file's name if left out
 rasterizers = 2
 arithmetic = "FP16"  # or a table of `Float`'s fields:
 depth = { exponent = 7, fraction = 14, signed = false, subnormal = false }

@@ -33,7 +33,7 @@ MACHINES: dict[str, Config] = {
         "1 rasterizer": replace(TINY, rasterizers=1, logic="fpga"),
         "4 rasterizers": replace(TINY, rasterizers=4),
         "8 rasterizers, 4 cycles": replace(TINY, rasterizers=8, port=256, pes=14),
-        "16 rasterizers": small(DEFAULT, rasterizers=16, page=8),
+        "16 rasterizers": small(DEFAULT, rasterizers=16, lanes="block", page=8),
         "group 1": replace(TINY, group=1),
         "group 4": small(TINY, group=4, port=256),
         "1 sub-sorter": replace(TINY, **TREES),
@@ -44,6 +44,8 @@ MACHINES: dict[str, Config] = {
         "near plane only": replace(TINY, culling="near", tile_test="3sigma"),
         "degree 1": replace(TINY, sh_degree=1, faint=(), port=256, pe_arrays=2),
         "alpha": replace(TINY, rgba=True),
+        "2 rasterizers in quads": replace(TINY, lanes="quads"),
+        "16 rasterizers in quads": small(DEFAULT, rasterizers=16, pes=9, rgba=True),
     }.items()
 }
 """Name → machine."""

@@ -21,7 +21,7 @@ from splatcore.spec.config import CLOCK_HZ, DEFAULT, FORMATS, PAPER, Config
 from splatcore.study.accuracy.points import width_of, with_width
 from splatcore.study.bench.campaign import Task
 
-LANES = 16  # of a rasterizer: the pixels of a block
+LANES = {"block": 16, "quads": 8}  # of a rasterizer
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,11 @@ def points() -> Iterator[Point]:
         yield changed("key", bits, sort_digits=(1,) * bits)
     for name, changes in RASTER_FORMATS.items():
         yield changed("raster format", name, **changes)
-    for count in (1, 2, 8, 16):
-        yield changed("lanes", count * LANES, rasterizers=count)
+    for kind, own in LANES.items():
+        for count in (16, 32, 64, 128):
+            rasterizers = {"rasterizers": count // own, "lanes": kind}
+            if (rasterizers["rasterizers"], kind) != (DEFAULT.rasterizers, DEFAULT.lanes):
+                yield changed("lanes", f"{count}, {kind}", **rasterizers)
     for limit, below in product(LIMITS, FAINT):
         faint = DEFAULT.faint._replace(dark=limit, taken=below)
         if faint != DEFAULT.faint:
@@ -92,7 +95,8 @@ def points() -> Iterator[Point]:
         name = f"the rest below 1/{1 << end}"
         yield changed("faint", name, faint=DEFAULT.faint._replace(ends=end))
     yield changed("faint", "off", faint=())
-    yield changed("PEs", 6, pes=6)
+    for count in (6, 9):
+        yield changed("PEs", count, pes=count)
     for count in (1, 2, 4):
         yield changed("sub-sorters", f"{count}, OR-trees", sub_sorter="trees", sub_sorters=count)
     yield changed("port", "128 bits", port=128)
@@ -104,7 +108,7 @@ def points() -> Iterator[Point]:
 SPEED = (
     "name", "pe_arrays", "pes", "skip_zeros", "multiply_latency", "add_latency", "unary_latency",
     "projection_slots", "sub_sorter", "sub_sorters", "sub_sorter_entries",
-    "merge_ways", "rasterizers", "port", "energy",
+    "merge_ways", "rasterizers", "lanes", "port", "energy",
 )  # fmt: skip
 """Fields of `Config` that change neither pixels nor counts of work."""
 

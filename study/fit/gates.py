@@ -14,11 +14,13 @@ from functools import cache
 
 from splatcore.eda.gates.synth import area
 from splatcore.hdl.raster.blend import Blend
+from splatcore.hdl.raster.quads import SHARE, Quad
 from splatcore.hdl.stages import PRIMITIVES, STAGES, Build
 from splatcore.spec.config import DEFAULT, FORMATS, Config
 from splatcore.spec.convention import BLOCK
 from splatcore.spec.microprogram import program, projection
 from splatcore.spec.number import Float
+from splatcore.spec.quads import QUADS
 from splatcore.spec.raster import block_count
 from splatcore.spec.schedule import pes
 from splatcore.spec.sort import index_bits
@@ -36,16 +38,23 @@ PARTS: dict[str, tuple[Build, Callable[[Config], int]]] = {
     "sub_sorter": (PRIMITIVES["sub_sorter"], lambda config: config.sub_sorters),
     **{name: (PRIMITIVES[name], lambda _: 1) for name in ("merge", "prepare", "setup", "mark")},
     "evaluate": (PRIMITIVES["evaluate"], lambda config: config.rasterizers),
-    "first lane": (
-        lambda config: Blend(config, block_count(config), 1), lambda config: config.rasterizers,
-    ),
-    "lanes": (
-        lambda config: Blend(config, block_count(config), 2),
-        lambda config: config.rasterizers * (BLOCK**2 - 1),
-    ),
 }  # fmt: skip
-"""Builder and number of each part. "lanes" is built with two lanes; the gates of "first lane", the
-part before it, are subtracted."""
+"""Builder and number of each part."""
+
+PARTS_OF_LANES: dict[str, dict[str, tuple[Build, Callable[[Config], int]]]] = {
+    "block": {
+        "first lane": (
+            lambda config: Blend(config, block_count(config), 1), lambda config: config.rasterizers,
+        ),
+        "lanes": (
+            lambda config: Blend(config, block_count(config), 2),
+            lambda config: config.rasterizers * (BLOCK**2 - 1),
+        ),
+    },
+    "quads": {"quads": (Quad, lambda config: config.rasterizers // SHARE * QUADS)},
+}  # fmt: skip
+"""The same by `Config.lanes`. "lanes" is built with two lanes; the gates of "first lane", the part
+before it, are subtracted."""
 
 
 def part_gates(config: Config, progress: Callable[[str], None]) -> dict[str, float]:
@@ -54,7 +63,7 @@ def part_gates(config: Config, progress: Callable[[str], None]) -> dict[str, flo
     progress: called with the name of the next part
     """
     found, first = {}, 0.0
-    for name, (build, count) in PARTS.items():
+    for name, (build, count) in (PARTS | PARTS_OF_LANES[config.lanes]).items():
         progress(name)
         one = area(build(config))
         found[name] = (one - first if name == "lanes" else one) * count(config)
@@ -82,7 +91,10 @@ def _pes(config: Config) -> int:
 Share = tuple[Callable[[Config], float], Callable[[Config], float]]
 
 OF_RASTER: dict[str, Share] = {
-    "lane": (_lane, lambda config: config.rasterizers * BLOCK**2),
+    "lane": (
+        _lane,
+        lambda config: config.rasterizers * BLOCK**2 // (SHARE if config.lanes == "quads" else 1),
+    ),
     "evaluate": (_primitive("evaluate"), lambda config: config.rasterizers),
     "mark": (_primitive("mark"), lambda _: 1),
 }

@@ -89,9 +89,9 @@ class Speed:
         config = self._smallest(config, points(config), "preprocessing", most)
         sorting = {"sub_sorters": sorters(config)[-1], "sub_sorter_entries": ENTRIES[-1]}
         sorting["merge_ways"] = WAYS[-1]
-        lanes = [replace(config, rasterizers=n, **sorting) for n in RASTERIZERS]
-        rasterizers = self._smallest(config, lanes, "rendering", most).rasterizers
-        return self._sorting(replace(config, rasterizers=rasterizers), most)
+        lanes = [replace(config, rasterizers=n, **sorting) for n in rasterizers(config)]
+        chosen = self._smallest(config, lanes, "rendering", most).rasterizers
+        return self._sorting(replace(config, rasterizers=chosen), most)
 
     def _smallest(self, config: Config, choices: list[Config], half: str, most: int) -> Config:
         """The first choice that fits; each is at least as fast as the one before."""
@@ -146,6 +146,11 @@ def _buildable(config: Config) -> bool:
     return True
 
 
+def rasterizers(config: Config) -> tuple[int, ...]:
+    """Numbers of rasterizers to choose from; two share lanes in quads."""
+    return RASTERIZERS[1:] if config.lanes == "quads" else RASTERIZERS
+
+
 def sorters(config: Config) -> tuple[int, ...]:
     """Numbers of sub-sorters to choose from; a cascade needs only one."""
     return SORTERS if config.sub_sorter == "trees" else (1,)
@@ -170,8 +175,8 @@ def smaller(config: Config, name: str) -> Config | None:
         fewer = (c for c in reversed(points(config)) if c.pes * c.pe_arrays < total)
         return next(filter(_buildable, fewer), None)
     values = {
-        "rasterizers": RASTERIZERS, "sub_sorters": sorters(config), "sub_sorter_entries": ENTRIES,
-        "merge_ways": WAYS,
+        "rasterizers": rasterizers(config), "sub_sorters": sorters(config),
+        "sub_sorter_entries": ENTRIES, "merge_ways": WAYS,
     }[name]  # fmt: skip
     less = [value for value in values if value < getattr(config, name)]
     return replace(config, **{name: less[-1]}) if less else None

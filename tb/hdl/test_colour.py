@@ -22,7 +22,7 @@ from splatcore.spec.colour import (
     SH_EXPONENT_MAX,
     slopes_of,
 )
-from splatcore.spec.config import DEFAULT, PAPER, Config
+from splatcore.spec.config import DEFAULT, PAPER, TINY, Config
 from splatcore.spec.convention import COLOUR_OFFSET
 from splatcore.spec.memory import COMPONENT, SLOPE, compact_degrees, model_format, step_format
 from splatcore.spec.microprogram import projection
@@ -30,24 +30,22 @@ from splatcore.spec.number import Float
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.programs import COLOURS, SLOPES
 from splatcore.spec.schedule import schedule
-from tb.helpers import configs
 from tb.helpers.colour_rows import any_bytes, few_bits, project_case, random_model
 from tb.helpers.runs import compiled, marked
 
 MACHINES = {degree: replace(DEFAULT, sh_degree=degree) for degree in range(4)}
-FOUR = configs.MACHINES["FOUR"]
 DEGREES = (0, 1, pytest.param(2, marks=pytest.mark.verify), 3)
 OTHERS = {
-    "four cycles": FOUR,
+    "six cycles": TINY,
     "five cycles": replace(DEFAULT, pes=11),
     "dense": replace(DEFAULT, skip_zeros=False, tile_test="3sigma"),
-    "products": replace(DEFAULT, logic="fpga"),
+    "products": replace(DEFAULT, logic="fpga", lanes="block"),
     "few slots": replace(DEFAULT, projection_slots=8),
     "fine colours": replace(DEFAULT, colour_fraction=12, sum_fraction=16),
     "many stages": Config(colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))),
 }
 
-ARRAY = Config(name="ARRAY", colours="array", sh_degree=1)
+ARRAY = Config(name="ARRAY", colours="array", sh_degree=1, pes=9)
 MANY = replace(
     ARRAY, name="MANY", pes=7, colour_index=((9,), (5, 4, 3, 2)), sh_index=((), (5, 4, 3))
 )
@@ -135,7 +133,7 @@ def test_other_machines(name):
 
 COMPENSATING = {
     "default": MACHINES[3],
-    "four cycles": FOUR,
+    "six cycles": TINY,
     "narrow": replace(DEFAULT, arithmetic=Float(6, 9, subnormal=False)),
     "wide": replace(DEFAULT, arithmetic=Float(8, 17, subnormal=False)),
 }
@@ -151,10 +149,10 @@ def test_compensated_opacities(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degree", [*DEGREES, "four cycles"])
+@pytest.mark.parametrize("degree", [*DEGREES, "six cycles"])
 def test_cycles(degree):
     """Colours add no cycles to the interval; latency adds less than 0.21 per splat here."""
-    config, interval = (FOUR, 4) if degree == "four cycles" else (MACHINES[degree], 6)
+    config, interval = (TINY, 6) if degree == "six cycles" else (MACHINES[degree], 4)
     assert schedule(config, projection(config)).interval == interval
     assert check(config, steps(DEFAULT, ALONE[FINE], "usual", 5), 5) < interval + 0.21
 

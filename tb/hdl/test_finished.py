@@ -12,7 +12,7 @@ from tb.helpers.configs import MACHINES, machines, other_port
 from tb.helpers.runs import compiled
 
 GROUPS = 4
-CONFIGS = machines("DEFAULT TINY EIGHT SIXTEEN") | {"port": other_port(DEFAULT)}
+CONFIGS = machines("DEFAULT TINY FOUR_BLOCKS SIXTEEN") | {"port": other_port(DEFAULT)}
 
 
 @pytest.mark.parametrize("stall", [0, 0.5])

@@ -45,10 +45,10 @@ SLACK = 12  # cycles before the first span and behind the last one
 PORTS = {"port": other_port(DEFAULT), "small port": other_port(TINY)}
 WITH_ALPHA = {
     f"{name} alpha": replace(config, name=f"{config.name}_ALPHA", rgba=True)
-    for name, config in (machines("DEFAULT ONE EIGHT") | PORTS).items()
+    for name, config in (machines("DEFAULT ONE FOUR_BLOCKS") | PORTS).items()
 }
-VERIFIED = ("ONE", "EIGHT", *WITH_ALPHA)
-CONFIGS = machines("DEFAULT TINY ALPHA ONE EIGHT") | PORTS | WITH_ALPHA
+VERIFIED = ("ONE", "FOUR_BLOCKS", *WITH_ALPHA)
+CONFIGS = machines("DEFAULT TINY ALPHA ONE FOUR_BLOCKS") | PORTS | WITH_ALPHA
 
 SIZES = ((64, 64), (33, 17), (1, 64), (63, 1), (36, 40), (5, 3), (32, 32), (64, 61))
 LARGE_SIZES = ((200, 130), (1, 1), (129, 64), (64, 260), (340, 60))

@@ -27,7 +27,6 @@ from splatcore.spec.point import (
     chunk_record,
     projecting_record,
 )
-from tb.helpers.configs import MACHINES as MORE
 from tb.helpers.point_rows import PointRows, point_rows
 from tb.helpers.runs import marked
 from tb.helpers.scene_frames import POINT_SCENES, parameters, scene_frame
@@ -178,7 +177,7 @@ def test_culling_leaves_the_same_splats():
 @pytest.mark.parametrize("quality", ["small", "compact"])
 def test_points_every_three_cycles(quality):
     """Parts before the projection of a machine that projects a Gaussian every 4 cycles."""
-    config = MORE["FOUR"]
+    config = DEFAULT
     frame = point_rows(config, pack(generate("garden", 6000), config, quality=quality)[0], GARDEN)
     for stage, count in (("cull", len(frame.points.step)), ("place", len(frame.points.front))):
         assert 3 < check(stage, frame, 0).cycles / count < 3.15, stage

@@ -26,8 +26,6 @@ MAPS = (*PRESETS.values(), wide_addresses(DEFAULT), ALPHA)
 TREES = replace(TINY, sub_sorter="trees")
 
 CHANGED = {
-    # Points: a Gaussian every 4 cycles.
-    "FOUR": (TINY, {"pes": 14}),
     # Keys: SHORT's do not cover all depths, and its groups are single tiles.
     "SHORT": (TINY, {"sort_digits": (1,) * 19, "group": 1}),
     "NARROW": (TINY, {"sort_digits": (1,) * 8}),
@@ -36,9 +34,9 @@ CHANGED = {
     "SQUARE_HD": (DEFAULT, {"tile_test": "3sigma"}),
     "FP16": (PAPER, {"tile_test": "exact"}),
     # Rasterizers: FEW has two blocks for each one.
-    "SINGLE": (DEFAULT, {"rasterizers": 1}),
-    "EIGHT": (DEFAULT, {"rasterizers": 8}),
-    "SIXTEEN": (DEFAULT, {"rasterizers": 16}),
+    "SINGLE": (DEFAULT, {"rasterizers": 1, "lanes": "block"}),
+    "FOUR_BLOCKS": (DEFAULT, {"rasterizers": 4, "lanes": "block"}),
+    "SIXTEEN": (DEFAULT, {"rasterizers": 16, "lanes": "block"}),
     "ONE": (TINY, {"rasterizers": 1, "group": 1}),
     "FEW": (TINY, {"rasterizers": 8, "group": 1, "logic": "fpga"}),
     # Lanes in quads: two sets of lanes, with alpha.

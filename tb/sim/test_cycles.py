@@ -74,7 +74,8 @@ def test_stage_3():
 def test_model_knows_sizes():
     """More rasterizers or PEs take fewer cycles, in their own stages only."""
     packed, camera = garden(DEFAULT, 2000), generated_camera("garden", 160, 90)
-    machines = [DEFAULT, replace(DEFAULT, rasterizers=8), replace(DEFAULT, pes=14)]
+    few = replace(DEFAULT, rasterizers=4, pes=9)
+    machines = [few, replace(few, rasterizers=8), replace(few, pes=14)]
     base, more_rasterizers, more_pes = (
         vars(frame_cycles(config, render(config, packed, camera))) for config in machines
     )

@@ -15,14 +15,16 @@ from splatcore.spec.schedule import Schedule, latencies, pes, schedule, units_of
 
 # The array makes colours of degree 1, on PAPER's PEs.
 SHADED = replace(DEFAULT, colours="array", sh_degree=1, pes=6, antialiasing=False)
+NINE = replace(DEFAULT, pes=9)
+
 CONFIGS = {
-    "one array": DEFAULT,
+    "one array": NINE,
     "two arrays": replace(DEFAULT, pes=6, pe_arrays=2),
-    "four cycles": replace(DEFAULT, pes=14),
-    "slow units": replace(DEFAULT, multiply_latency=4, add_latency=5, unary_latency=9),
-    "quick units": replace(DEFAULT, multiply_latency=0, add_latency=1, unary_latency=1),
+    "four cycles": DEFAULT,
+    "slow units": replace(NINE, multiply_latency=4, add_latency=5, unary_latency=9),
+    "quick units": replace(NINE, multiply_latency=0, add_latency=1, unary_latency=1),
     "three PEs": replace(DEFAULT, pes=3),
-    "3σ square": replace(DEFAULT, tile_test="3sigma"),
+    "3σ square": replace(NINE, tile_test="3sigma"),
     "one array, shaded": SHADED,
     "two arrays, shaded": replace(SHADED, pe_arrays=2),
     "3σ square, shaded": replace(SHADED, tile_test="3sigma"),

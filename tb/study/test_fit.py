@@ -233,7 +233,7 @@ def test_a_bit_of_every_format_takes_gates(field):
 def test_confirmed_by_the_hardware(monkeypatch, tmp_path, capsys, scene):
     """In RTL the machine reaches the target FPS, with the golden model's picture."""
     monkeypatch.setattr(fit_formats, "bit_gates", lambda config, field: PRICES[field])
-    path, facts = tmp_path / "small.toml", tmp_path / "facts.json"
+    path, facts = tmp_path / "fitted.toml", tmp_path / "facts.json"
     options = ("--size", "64x48", "--fps", FPS_CONFIRMED, "--psnr", 42, "--confirm", "-o", path)
     assert run("fit", scene, *options, "--json", facts) == 0, capsys.readouterr()
     found = json.loads(facts.read_text())["confirmed"]
