@@ -61,6 +61,7 @@ class Cycles:
 def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycles:
     """Cycles of a frame of the golden model. timing: of memory; only its latency is used."""
     points = frame.points
+    raster = raster_cycles(config, frame)
     headers = np.count_nonzero(points.drawn) * chunk_interval(config)
     return Cycles(
         chunk=int(max(headers, level_costs(config, points).sum())),
@@ -69,9 +70,9 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
         project=len(points.inside) * schedule(config, projection(config)).interval,
         bin=int(bin_costs(frame).sum()) + len(frame.binned.lists.count),  # and one per list's end
         sort=sort_cycles(config, np.diff(frame.start)),
-        raster=raster_cycles(config, frame),
+        raster=raster,
         preprocessing=preprocessing_cycles(config, frame, timing.latency),
-        rendering=rendering_cycles(config, frame, timing.latency),
+        rendering=rendering_cycles(config, frame, timing.latency, raster),
     )
 
 
@@ -80,6 +81,6 @@ def group_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> np.nd
     its own last pixel; 0 for groups without a splat."""
     height, width = frame.pixels.shape[:2]
     ends = np.zeros(len(frame.start) - 1)
-    rendering_cycles(config, frame, timing.latency, ends)
+    rendering_cycles(config, frame, timing.latency, raster_cycles(config, frame), ends)
     ends[ends > 0] = np.diff(ends[ends > 0], prepend=0)
     return ends.reshape(group_grid(config, width, height))

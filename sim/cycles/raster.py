@@ -37,6 +37,11 @@ MARK_LATENCY = Setup.LATENCY + Mark.LATENCY
 BUSY = Blend.BUSY  # cycles before the same block may be issued again
 END_LATENCY = BLOCK_LATENCY + Blend.LATENCY + 4  # from a last pixel's block to stage 2 stopping
 
+PASSES = 8
+NEAR = 0.002
+"""Cycles per block of lanes in quads are found in at most `PASSES` passes, so that the cycles of
+stage 3 are within `NEAR`, relative."""
+
 CLOCK = np.dtype([(name, float) for name in "entered marked merged end".split()])
 """Cycles of stage 3: of the last splat's arrival, marked pair and merged entry, and of the last
 group's end."""
@@ -78,10 +83,12 @@ class State(NamedTuple):
 
 
 class Raster:
-    """Stage 3 of a frame. number: the next group; at: the next entry."""
+    """Stage 3 of a frame, with block-wide lanes. number: the next group; at: the next entry.
 
-    def __init__(self, config: Config, frame: Frame):
-        config, step = block_wide(config, frame)
+    step: cycles per block
+    """
+
+    def __init__(self, config: Config, frame: Frame, step: float = 1):
         mask, blocks = frame.sorted.mask.astype(np.int64), BLOCKS_A_TILE * config.group**2
         first = np.concatenate([[0], np.cumsum(np.bitwise_count(mask), dtype=np.int64)])
         owners = np.array([owner(config, block) for block in range(BLOCKS_A_TILE)])
@@ -122,14 +129,23 @@ class Raster:
         return end_group(self.group_blocks, self.state)
 
 
-def block_wide(config: Config, frame: Frame) -> tuple[Config, float]:
+def block_wide(config: Config, frame: Frame, cycles: int) -> tuple[Config, float]:
     """Return a machine of as many block-wide lanes, and its cycles per block: for lanes in quads an
     average, so that both machines take as long without stalls.
+
+    cycles: of stage 3 alone (`raster_cycles`)
     """
     if config.lanes == "block":
         return config, 1.0
     wide = replace(config, lanes="block", rasterizers=config.rasterizers // SHARE)
-    return wide, quads_cycles(config, frame) / raster_cycles(wide, frame)
+    step, found, following = 0.0, 0, 1.0
+    for _ in range(PASSES):  # by secants
+        before, known = step, found
+        step, found = following, _alone(wide, frame, following)
+        if abs(found - cycles) <= NEAR * cycles or found == known:
+            break
+        following = max(0.0, step + (cycles - found) * (step - before) / (found - known))
+    return wide, step
 
 
 def order(config: Config) -> np.ndarray:
@@ -148,9 +164,13 @@ def raster_cycles(config: Config, frame: Frame) -> int:
 
     Groups without a splat bypass it.
     """
-    if config.lanes == "quads":
-        return quads_cycles(config, frame)
-    stage = Raster(config, frame)
+    quads = config.lanes == "quads"
+    return quads_cycles(config, frame) if quads else _alone(config, frame, 1)
+
+
+def _alone(config: Config, frame: Frame, step: float) -> int:
+    """Cycles of block-wide lanes. step: cycles per block."""
+    stage = Raster(config, frame, step)
     for count in np.diff(frame.start):
         if count:
             stage.entries(count)

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.sort import jobs
-from splatcore.sim.cycles.raster import WRITE_LATENCY, Raster
+from splatcore.sim.cycles.raster import WRITE_LATENCY, Raster, block_wide
 from splatcore.sim.cycles.sort import Timeline
 from splatcore.spec.axi import port_bytes
 from splatcore.spec.config import Config
@@ -30,14 +30,16 @@ BEGIN = 40  # from a frame's start to its first entry, plus from its last pixel 
 
 
 def rendering_cycles(
-    config: Config, frame: Frame, latency: int, ends: np.ndarray | None = None
+    config: Config, frame: Frame, latency: int, raster: int, ends: np.ndarray | None = None
 ) -> int:
     """Cycles of a frame's second half.
 
     latency: memory cycles from a request to its first beat
+    raster: cycles of stage 3 alone (`raster_cycles`)
     ends: [groups] output: cycle of the last pixel of each group with a splat
     """
-    stage = Raster(config, frame)
+    wide, step = block_wide(config, frame, raster)
+    stage = Raster(wide, frame, step)
 
     def rasterize(first: float, entries: int) -> float:
         return stage.entries(entries, first, MERGE_PACE, FEATURE_LATENCY + latency)

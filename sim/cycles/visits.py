@@ -24,7 +24,7 @@ NOT_SEEN = POWER_SHIFTS
 UNSEEN = sum(NOT_SEEN << QUAD_BITS * quad for quad in range(QUADS))
 """A visit's halvings if no quad is seen."""
 
-MARK_BITS = 3  # bits of a pair's number for each block
+MARK_BITS = 4  # bits of a pair's number for each block
 LATE = 200  # entries behind a group's last live pixel that hardware may still take
 
 LIBRARY = Library(
