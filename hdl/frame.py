@@ -52,8 +52,6 @@ class Frame(wiring.Component):
             "write_error": In(CLIENT_ERROR),  # from the bus
             "stray": In(STRAY),  # from the bus; fails no half
             "idle": In(halves),  # one bit per half: it has nothing in flight on the bus
-            # one bit per half: it took longer for the last frame, so its writers come first
-            "favoured": Out(halves),
             "failing": Out(halves),  # one bit per half: it may begin nothing more
             "reset": Out(halves),  # one bit per half: resets it
         }
@@ -83,7 +81,6 @@ class Frame(wiring.Component):
             m.d.comb += self.gives_up[half].eq(given_up)
             self._half(m, half, begins[half], ends[half], faults[half] | self.abort)
         self._areas(m)
-        self._favour(m)
         was_ready = Signal(init=1)
         m.d.sync += was_ready.eq(self.ready)
         m.d.comb += [self.taken.eq(self.handing), self.ready_event.eq(self.ready & ~was_ready)]
@@ -137,15 +134,6 @@ class Frame(wiring.Component):
         with m.If(self.fails.valid & ~self.failing[PREPROCESSING]):
             m.d.comb += self.error.eq(self.fails)
         return faults
-
-    def _favour(self, m: Module):
-        """Favour the half that the other one waits for."""
-        waits = Signal()
-        with m.If(self.handing):
-            first = Mux(self.finished.any(), 1 << PREPROCESSING, 0)  # nothing is known yet
-            m.d.sync += [self.favoured.eq(Mux(waits, 1 << RENDERING, first)), waits.eq(0)]
-        with m.Elif(self.done[PREPROCESSING] & self.working.all()):
-            m.d.sync += waits.eq(1)
 
     def _areas(self, m: Module):
         """Frames use the work areas in turn; the second half's parameters are held for a frame."""

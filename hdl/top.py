@@ -50,7 +50,7 @@ class Top(wiring.Component):
             self._count(m, name, half)
         connect(m, flipped(self).s_axi, self.registers.s_axi)
         connect(m, self.axi.m_axi, flipped(self).m_axi)
-        m.d.comb += [frame.fails.eq(self.preprocess.error), self.axi.favoured.eq(frame.favoured)]
+        m.d.comb += frame.fails.eq(self.preprocess.error)
         settled = [
             Cat(self.axi.settled[k] for k, of in enumerate(WRITERS.values()) if of == half)
             for half in HALVES

@@ -82,8 +82,6 @@ class Axi(wiring.Component):
             # `write_record`, one per writer in the order of `WRITERS`; after a burst's first beat
             # the writer offers the others without waiting for anything else
             "writes": In(stream.Signature(write)).array(len(spec.WRITERS)),
-            # one bit per half: its writers come before the other's; applies to new bursts
-            "favoured": In(len(HALVES)),
             # one bit per writer: it comes after all others, and not while a half waits for `CROWD`
             # bursts or more, with which it would share memory; applies to new bursts
             "patient": In(len(spec.WRITERS)),
@@ -281,7 +279,6 @@ class Axi(wiring.Component):
             turns.wants.eq(
                 Mux(crowded | (wants & ~self.patient).any(), wants & ~self.patient, wants)
             ),
-            turns.favoured.eq(self._of_halves(self.favoured, spec.WRITERS)),
             turns.served.eq(~inside & takes),
             current.eq(Mux(inside, owner, turns.chosen)),
             given.eq(selected(current, [i.payload for i in self.writes])),

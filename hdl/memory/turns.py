@@ -23,7 +23,6 @@ class Turns(wiring.Component):
     def __init__(self, count: int):
         ports = {
             "wants": In(count),  # one bit per client: it requests
-            "favoured": In(count),  # one bit per client: it comes before the others
             "chosen": Out(count),  # one-hot, the chosen client; 0 without requests
             "served": In(1),  # the chosen client has had its turn
         }
@@ -33,10 +32,8 @@ class Turns(wiring.Component):
         m = Module()
         count = len(self.wants)
         later = Signal(count)  # clients whose turn comes first
-        favoured = self.wants & self.favoured
-        wants = Mux(favoured.any(), favoured, self.wants)
-        preferred = wants & later
-        first = Mux(preferred.any(), preferred, wants)
+        preferred = self.wants & later
+        first = Mux(preferred.any(), preferred, self.wants)
         before = Cat(first[:k].any() for k in range(count))  # a client below comes first
         m.d.comb += self.chosen.eq(first & ~before)
         with m.If(self.served):

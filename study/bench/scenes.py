@@ -1,8 +1,7 @@
 """`splatcore bench scenes`: cycles and error of many scenes on the machine in RTL simulation.
 
-Three frames are rendered per view, so that both halves are busy and memory gives priority to the
-half that was slower in the previous frame. Each result is a file, which is reused until the
-machine's Verilog, the packing code, the view or the memory changes.
+Three frames are rendered per view, so that both halves are busy. Each result is a file, which is
+reused until the machine's Verilog, the packing code, the view or the memory changes.
 """
 
 import time

@@ -69,7 +69,6 @@ class Controlled(Around):
         self._lives(m)
         self._reports(m)
         self._recovers(m)
-        m.d.comb += Assert(~part.favoured.all())
         return m
 
     def _of(self, error: Value, clients: dict[str, int], half: int) -> Value:
