@@ -141,7 +141,7 @@ def block_wide(config: Config, frame: Frame, cycles: int) -> tuple[Config, float
     step, found, following = 0.0, 0, 1.0
     for _ in range(PASSES):  # by secants
         before, known = step, found
-        step, found = following, _alone(wide, frame, following)
+        step, found = following, raster_cycles(wide, frame, following)
         if abs(found - cycles) <= NEAR * cycles or found == known:
             break
         following = max(0.0, step + (cycles - found) * (step - before) / (found - known))
@@ -159,17 +159,13 @@ def order(config: Config) -> np.ndarray:
     return found.ravel()
 
 
-def raster_cycles(config: Config, frame: Frame) -> int:
+def raster_cycles(config: Config, frame: Frame, step: float = 1) -> int:
     """Cycles of stage 3 alone with splats always valid, until it emits its last block.
 
-    Groups without a splat bypass it.
+    Groups without a splat bypass it. step: cycles per block of block-wide lanes
     """
-    quads = config.lanes == "quads"
-    return quads_cycles(config, frame) if quads else _alone(config, frame, 1)
-
-
-def _alone(config: Config, frame: Frame, step: float) -> int:
-    """Cycles of block-wide lanes. step: cycles per block."""
+    if config.lanes == "quads":
+        return quads_cycles(config, frame)
     stage = Raster(config, frame, step)
     for count in np.diff(frame.start):
         if count:

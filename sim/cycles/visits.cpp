@@ -1,11 +1,23 @@
 // Blocks that marking cannot leave out, of lanes in quads: what each visit does to a quad's level.
 // Comes behind golden's raster.cpp.
 
-// A pixel's level.
-static int64_t level_of(const Pixels &pixels, int k, const Level *levels, int64_t ended) {
-    int64_t level = pixels.live[k] ? 0 : ended;
-    while (level < ended && pixels.rest[k] < levels[level].above) level++;
-    return level;
+// The levels of a block's pixels.
+static Vector levels_of(const Pixels &pixels, const Level *levels, int64_t ended) {
+    Vector level = {};
+    for (int64_t k = 0; k < ended; k++) level -= pixels.rest < int32_t(levels[k].above);
+    return pixels.live ? level : int32_t(ended) - Vector{};
+}
+
+// The least of each quad's pixels, `QUAD_BITS` per quad.
+static uint16_t least_of(Vector pixels) {
+    int32_t all = 0;
+    for (int quad = 0; quad < QUADS; quad++) {
+        const int64_t *own = QUAD_PIXELS + SIXTEEN / QUADS * quad;
+        int32_t one = min(pixels[own[0]], pixels[own[1]]);
+        int32_t other = min(pixels[own[2]], pixels[own[3]]);
+        all |= min(one, other) << QUAD_BITS * quad;
+    }
+    return all;
 }
 
 // Blend a splat into a block, and find the visit's two numbers; return the number of ended pixels.
@@ -15,17 +27,8 @@ static int visit(const Quadratic &around, Pixels &pixels, const Machine &m, cons
     Vector own = -1 - ((exponent < 0 ? exponent : Vector{} - 1) >> int32_t(m.finer + m.steps));
     const int32_t colour[] = {0, 0, 0};
     int gone = blend_block(around, colour, pixels, m, table).ended;
-    halvings = reached = 0;
-    for (int quad = 0; quad < QUADS; quad++) {
-        int64_t least = NOT_SEEN, lowest = ended;
-        for (int j = 0; j < SIXTEEN / QUADS; j++) {
-            int k = QUAD_PIXELS[SIXTEEN / QUADS * quad + j];
-            if (visible[k]) least = min<int64_t>(least, own[k]);
-            lowest = min(lowest, level_of(pixels, k, levels, ended));
-        }
-        halvings |= least << QUAD_BITS * quad;
-        reached |= lowest << QUAD_BITS * quad;
-    }
+    halvings = least_of(visible ? own : int32_t(NOT_SEEN) - Vector{});
+    reached = least_of(levels_of(pixels, levels, ended));
     return gone;
 }
 

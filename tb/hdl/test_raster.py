@@ -2,11 +2,13 @@
 
 import functools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from splatcore.golden.exact import as_packed, entries_of, features_of
+from splatcore.golden.pipeline import Frame
 from splatcore.golden.pipeline import render as render_golden
 from splatcore.golden.raster import Entries, rasterize
 from splatcore.golden.reference import project, render
@@ -17,6 +19,7 @@ from splatcore.model.formats.read import read_scene
 from splatcore.model.generate.generate import generate, generated_camera
 from splatcore.model.generate.hard import HARD
 from splatcore.model.pack.pack import pack
+from splatcore.sim.cycles.quads import quads_cycles
 from splatcore.spec.config import DEFAULT, PAPER, TINY
 from splatcore.spec.convention import COVARIANCE_BLUR
 from splatcore.spec.feature import FACTOR, FACTOR_SCALE, POSITION
@@ -123,6 +126,15 @@ def test_quads(stall):
     ]
     ended = [lists.run(stall=stall, seed=3).golden.counts["ended"] for lists in runs]
     assert sum(ended) > 1000
+
+
+@pytest.mark.verify
+def test_cycles_of_quads():
+    """The cycle model against RTL, within 3 %."""
+    lists = mixed(QUADS, 1000, (64, 64), 1)
+    binned = SimpleNamespace(features=lists.features)
+    frame = Frame(None, binned, None, lists.entries, lists.golden)
+    assert quads_cycles(QUADS, frame) == pytest.approx(lists.run().result.cycles, rel=0.03)
 
 
 @pytest.mark.verify

@@ -10,9 +10,11 @@ from splatcore.golden.pipeline import Frame, render
 from splatcore.hdl.sorting.sort import Sort
 from splatcore.model.generate.generate import generated_camera
 from splatcore.sim.cycles.frame import Cycles, frame_cycles
+from splatcore.sim.cycles.raster import NEAR, block_wide, raster_cycles
 from splatcore.spec.config import DEFAULT
 from splatcore.spec.stages import OF_POINTS
 from tb.helpers import bin_frames
+from tb.helpers.configs import MACHINES
 from tb.helpers.machines import garden
 from tb.helpers.point_rows import point_rows
 from tb.helpers.runs import compiled
@@ -85,3 +87,13 @@ def test_model_knows_sizes():
     ):
         assert {name for name in base if found[name] < base[name]} == stages
         assert all(found[name] <= base[name] for name in base)
+
+
+def test_lanes_in_quads():
+    """Fewer cycles than block-wide lanes, which at the found cycles per block take as long."""
+    config = MACHINES["QUADS"]
+    frame = render(config, garden(config, 2000), generated_camera("garden", 160, 90))
+    cycles = raster_cycles(config, frame)
+    wide, step = block_wide(config, frame, cycles)
+    assert cycles < raster_cycles(wide, frame)
+    assert raster_cycles(wide, frame, step) == pytest.approx(cycles, rel=NEAR)
