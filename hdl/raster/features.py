@@ -15,7 +15,7 @@ from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_re
 from splatcore.spec.config import Config
 from splatcore.spec.feature import feature_record
 
-FEATURES_WAITING = 128  # features in flight or waiting, to hide the latency of busy memory
+FEATURES_WAITING = 64  # features in flight or waiting, to hide the latency of memory
 ENDS_WAITING = 8  # groups' ends among them
 
 
