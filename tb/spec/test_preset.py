@@ -166,7 +166,7 @@ def test_there_is_one_way_to_find_a_preset():
 def test_names():
     assert [config.name for config in PRESETS.values()] == list(PRESETS)
     assert find_preset("paper") is PAPER
-    refused(r"preset 'x': unknown; .*DEFAULT, PAPER, TINY", find_preset, "x")
+    refused(r"preset 'x': unknown; .*DEFAULT, SMALL, PAPER, TINY", find_preset, "x")
 
 
 def test_frozen_and_hashable():

@@ -88,7 +88,7 @@ def test_numbers(whole):
     operations = whole.table("paper", "operations")
     saved = [100 * (1 - 94 / 198), 100 * (1 - 104 / 140), 100 * (1 - 121 / 157)]
     assert [row["saved, % of operations"] for row in operations[1::2]] == pytest.approx(saved)
-    assert operations[3]["cycles, per Gaussian"] == 6 and operations[3]["PEs"] == 9
+    assert operations[3]["cycles, per Gaussian"] == 4 and operations[3]["PEs"] == 14
     gains = whole.table("ablation", "ablation-gains")
     assert gains[0]["all together, ×"] == pytest.approx(129 / 20.4)
     assert gains[0]["+ guard band, ×"] is None
