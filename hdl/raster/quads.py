@@ -25,6 +25,11 @@ RESULT_CYCLES = Blend.LATENCY
 output."""
 
 
+PHASE_BITS = 2
+"""Bits of a group's number that are kept with a level: each block is reset once per group, possibly
+before the group begins, so that a level that was not written yet is one or two groups old."""
+
+
 def quad_of(number: int, quad: int) -> int:
     """Return the lanes' quad for a quad of a rasterizer's block: the second of the rasterizers that
     share lanes has its blocks turned by 180°, so that an edge of a splat keeps all quads busy.
@@ -67,7 +72,7 @@ class Quad(wiring.Component):
             "i": In(stream.Signature(operation)).array(SHARE),
             "looks": In(1).array(SHARE),  # request the level of a block
             "block": In(number).array(SHARE),  # that block
-            "parity": In(1).array(SHARE),  # of the rasterizer's group
+            "phase": In(PHASE_BITS).array(SHARE),  # the rasterizer's group modulo 4
             # the quad's level a cycle later; 0 if not known
             "level": Out(range(ended_level(config) + 1)).array(SHARE),
             "busy": Out(1).array(SHARE),  # operations wait or are in flight
@@ -129,7 +134,7 @@ class Quad(wiring.Component):
 
         After a reset the rows are written first, so that none is known by chance.
         """
-        row = data.StructLayout({"level": level.shape(), "parity": 1})
+        row = data.StructLayout({"level": level.shape(), "phase": PHASE_BITS})
         m.submodules[f"levels{k}"] = memory = Memory(shape=row, depth=self.blocks, init=[])
         write, read = memory.write_port(), memory.read_port()
         clear = Signal(range(self.blocks + 1), name=f"clear{k}")
@@ -140,11 +145,11 @@ class Quad(wiring.Component):
             write.en.eq(clears | valid),
             write.addr.eq(Mux(clears, clear[:-1], block)),
             write.data.level.eq(Mux(clears, 0, level)),
-            write.data.parity.eq(self.parity[k]),
+            write.data.phase.eq(self.phase[k]),
             read.en.eq(self.looks[k] & ~(write.en & (write.addr == self.block[k]))),
             read.addr.eq(self.block[k]),
         ]
         with m.If(self.looks[k]):
             m.d.sync += collides.eq(~read.en)
-        known = ~collides & (read.data.parity == self.parity[k])
+        known = ~collides & (read.data.phase == self.phase[k])
         m.d.comb += self.level[k].eq(Mux(known, read.data.level, 0))

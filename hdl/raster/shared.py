@@ -7,7 +7,7 @@ from amaranth.lib import stream
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.raster.finished_quads import FinishedQuads, quad_layout
-from splatcore.hdl.raster.quads import Quad, operation_layout, quad_of
+from splatcore.hdl.raster.quads import PHASE_BITS, Quad, operation_layout, quad_of
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.spec.config import Config
 from splatcore.spec.quads import QUADS, ended_level, halvings_min, quad_pixels
@@ -34,7 +34,7 @@ class Feeder(Rasterizer):
             "operations": Out(stream.Signature(operation_layout(config))).array(QUADS),
             "looks": Out(1),  # request the quads' levels
             "look_block": Out(block),  # of this block
-            "parity": Out(1),  # of the group
+            "phase": Out(PHASE_BITS),  # the group modulo 4
             "quad_level": In(level).array(QUADS),  # a cycle later; 0 if not known
             "busy": In(QUADS),  # operations wait or are in flight
             "given": In(1).array(QUADS),  # a quad of the previous group comes
@@ -47,7 +47,7 @@ class Feeder(Rasterizer):
         self.ended, self.reached = Signal(), Signal(self.levels)
 
     def _blender(self, m: Module):
-        m.d.comb += self.parity.eq(self.group[0])
+        m.d.comb += self.phase.eq(self.group[:PHASE_BITS])
 
     def _result(self) -> tuple[Value, ...]:
         return self.found, self.number_at_lanes, self.ended, self.reached
@@ -134,7 +134,7 @@ def share_lanes(m: Module, name: str, feeders: Sequence[Feeder]):
             m.d.comb += [
                 quad.looks[k].eq(feeder.looks),
                 quad.block[k].eq(feeder.look_block),
-                quad.parity[k].eq(feeder.parity),
+                quad.phase[k].eq(feeder.phase),
                 feeder.quad_level[own].eq(quad.level[k]),
                 feeder.busy[own].eq(quad.busy[k]),
                 feeder.given[own].eq(quad.given[k]),

@@ -128,6 +128,15 @@ def test_quads(stall):
     assert sum(ended) > 1000
 
 
+@pytest.mark.slow
+def test_levels_of_groups_before():
+    """Blocks outside the image in one group, untouched in the next, alive in the third one; with
+    long pauses they are output before the next group begins."""
+    groups = np.tile([2, 0, 1], 8)
+    for count, seed in ((20, 5), (40, 2), (40, 5)):
+        mixed(QUADS, count, (72, 64), seed, chosen=groups).run(stall=0.95, seed=seed)
+
+
 @pytest.mark.verify
 def test_cycles_of_quads():
     """The cycle model against RTL, within 3 %."""
