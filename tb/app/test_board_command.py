@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import tomllib
 import tty
 from dataclasses import replace
@@ -70,7 +71,8 @@ def long_timeouts(monkeypatch):
 
 
 def changed(board: tuple[Path, str], folder: Path, **facts) -> str:
-    """Write a board file with changed facts; return its folder as an argument."""
+    """Write a board's files with changed facts; return their folder as an argument."""
+    shutil.copy(board[0] / host.PRESET, folder)
     known = json.loads((board[0] / host.FACTS).read_text())
     (folder / host.FACTS).write_text(json.dumps(known | facts))
     return str(folder)
