@@ -1,6 +1,7 @@
 """Simulation of netlists of cells: Verilog models of the cells, from the liberty file's functions.
 
-Memories are the modules that the RTL has, without macros. Nothing has a delay.
+Gates are assignments, which take Verilator half the time and memory of instances. Memories are the
+modules that the RTL has, without macros. Nothing has a delay.
 """
 
 import re
@@ -12,10 +13,12 @@ from splatcore.eda.gates.macros import memory_size, module
 
 
 def simulated(netlist: CellNetlist) -> str:
-    """Verilog of a netlist as module `top`, with its cells and memories."""
-    cells = "\n".join(cell_model(cell) for cell, _, _ in netlist.by_kind())
+    """Verilog of a netlist as module `top`, with its flip-flops, clock gates and memories."""
+    kinds = [cell for cell, _, _ in netlist.by_kind()]
+    gates = {cell.name: _outputs(cell) for cell in kinds if not cell.state}
+    models = "\n".join(cell_model(cell) for cell in kinds if cell.state)
     sizes = sorted({memory_size(kind) for _, kind, _ in netlist.memories})
-    return "\n".join([verilog(netlist, "top"), cells, *(module(*size) for size in sizes)])
+    return "\n".join([verilog(netlist, "top", gates), models, *(module(*size) for size in sizes)])
 
 
 def cell_model(cell: Cell) -> str:
@@ -34,16 +37,21 @@ def cell_model(cell: Cell) -> str:
         ])  # fmt: skip
     if cell.state:
         lines += _flip_flop(cell)
-    names = {*cell.inputs, "IQ", "IQN", "0", "1"}
+    lines += [f"  assign {pin} = {text};" for pin, text in _outputs(cell).items()]
+    return "\n".join([*lines, "endmodule\n"])
+
+
+def _outputs(cell: Cell) -> dict[str, str]:
+    """Verilog expression of each output; ValueError for one of other names than the inputs'."""
+    found, names = {}, {*cell.inputs, "IQ", "IQN", "0", "1"}
     for pin, function in cell.functions.items():
         text = expression(function)
         if cell.state:
             text = "IQ" if function.strip("() ") == cell.state["variable"] else "IQN"
         if not text or set(re.findall(r"\w+", text)) - names:
             raise ValueError(f"{cell.name}: no model for pin {pin}, {function!r}")
-        text = re.sub(r"\b([01])\b", r"1'b\1", text)
-        lines.append(f"  assign {pin} = {text};")
-    return "\n".join([*lines, "endmodule\n"])
+        found[pin] = re.sub(r"\b([01])\b", r"1'b\1", text)
+    return found
 
 
 def _flip_flop(cell: Cell) -> list[str]:

@@ -1,5 +1,7 @@
 """Files for OpenSTA (`sta`): a netlist of cells, timing of memories, constraints, a script."""
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 from splatcore.eda.cells.cell_netlist import CellNetlist
@@ -7,6 +9,8 @@ from splatcore.eda.cells.static_timing import Assumed, Timing
 from splatcore.eda.deliver.names import identifier
 from splatcore.eda.gates.macros import PORTS
 from splatcore.eda.template import filled, write_texts
+
+PIN = re.compile(r"(?<!')\b[A-Za-z_]\w*")  # in an expression with constants like 1'b0
 
 
 def write_opensta(
@@ -58,10 +62,14 @@ def memories(netlist: CellNetlist, assumed: Assumed) -> str:
     )  # fmt: skip
 
 
-def verilog(netlist: CellNetlist, module: str) -> str:
+def verilog(
+    netlist: CellNetlist, module: str, gates: Mapping[str, Mapping[str, str]] | None = None
+) -> str:
     """A netlist as one flat Verilog module, with the ports of the component's Verilog.
 
     Flip-flops are named after their registers; one with a port's name ends in _reg.
+
+    gates: kinds of cells that become assignments instead of instances: expression of each output
     """
     taken = {port.name for port in netlist.ports}
 
@@ -93,13 +101,24 @@ def verilog(netlist: CellNetlist, module: str) -> str:
                 register = netlist.register(number).replace(" ", "_")  # a net without a name
                 names = [register, f"{register}_reg", *names]
             row = zip(pins, netlist.pins[number], strict=False)
-            inside = ", ".join(
-                f".{pin}({nets[int(net)]})" for pin, net in row if net or pin in cell.inputs
-            )
-            placed.append(f"  {cell.name} {free(*names)} ({inside});")
+            at = {pin: nets[int(net)] for pin, net in row if net or pin in cell.inputs}
+            if outputs := (gates or {}).get(cell.name):
+                placed += _assignments(outputs, at)
+            else:
+                inside = ", ".join(f".{pin}({net})" for pin, net in at.items())
+                placed.append(f"  {cell.name} {free(*names)} ({inside});")
     names = ", ".join(identifier(port.name) for port in netlist.ports)
     head = f"module {module} (\n  {names});"
     return "\n".join([head, *declared, *assigned, *placed, "endmodule\n"])
+
+
+def _assignments(outputs: Mapping[str, str], nets: Mapping[str, str]) -> list[str]:
+    """Assignments to a gate's connected outputs. nets: by pin."""
+    return [
+        f"  assign {nets[output]} = {PIN.sub(lambda pin: nets[pin[0]], text)};"
+        for output, text in outputs.items()
+        if output in nets
+    ]
 
 
 def _ports(netlist: CellNetlist) -> tuple[dict[int, str], list[str], list[str]]:

@@ -49,7 +49,8 @@ def with_held_inputs(source: str) -> str:
     The program drives them before the rising edge, so they reach the machine when they did without
     registers, except the reset, which begins and ends a cycle later.
     """
-    header, body = re.search(r"^(module top\(.*?;\n)(.*?^endmodule$)", source, re.M | re.S).groups()
+    top = re.search(r"^(module top ?\(.*?;\n)(.*?^endmodule$)", source, re.M | re.S)
+    header, body = top.groups()
     held = INPUT.findall(body)
     names = "|".join(name for _, name in held)
     inside = re.sub(rf"^  (input|wire) (\[\S+\] )?({names});\n", "", body, flags=re.M)

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import tomllib
 import tty
 from dataclasses import replace
@@ -39,15 +40,13 @@ from tb.helpers.command import ROOT, check_documented, check_refused, run
 from tb.helpers.configs import ALPHA
 from tb.helpers.front_ends import ULX3S_CELLS, slang
 
-SIZE = (40, 24)
-FEW = "40x24"
+SIZE, FEW = (40, 24), "40x24"
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Path:
     """A few small Gaussians, which the simulated UART transfers within half a minute."""
-    garden = generate("garden", 150)
-    path = tmp_path_factory.mktemp("scene") / "small.ply"
+    garden, path = generate("garden", 150), tmp_path_factory.mktemp("scene") / "small.ply"
     write_ply(path, replace(garden, scale=garden.scale * 0.4))
     return path
 
@@ -70,7 +69,8 @@ def long_timeouts(monkeypatch):
 
 
 def changed(board: tuple[Path, str], folder: Path, **facts) -> str:
-    """Write a board file with changed facts; return its folder as an argument."""
+    """Write a board's files with changed facts; return their folder as an argument."""
+    shutil.copy(board[0] / host.PRESET, folder)
     known = json.loads((board[0] / host.FACTS).read_text())
     (folder / host.FACTS).write_text(json.dumps(known | facts))
     return str(folder)

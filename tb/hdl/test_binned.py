@@ -1,5 +1,7 @@
 """Writing the work area: every byte at its address, and `empty` only while no write waits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,12 +13,16 @@ from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.feature import feature_record
 from splatcore.spec.record import Record
 from splatcore.spec.work import FEATURE, SLOT
+from tb.helpers.configs import other_port
 from tb.helpers.memory_port import Writes
 from tb.helpers.runs import compiled
 
+PARTS = replace(other_port(TINY), name="PARTS", burst=2)
+"""A machine whose bursts of entries are parts of the port's beats."""
+
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.parametrize("config", [DEFAULT, TINY], ids=lambda config: config.name),
+    pytest.mark.parametrize("config", [DEFAULT, TINY, PARTS], ids=lambda config: config.name),
 ]
 
 SPLATS, BURSTS, GROUPS = 301, 150, 45  # lines that are not full at the end

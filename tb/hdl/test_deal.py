@@ -6,80 +6,24 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from splatcore.golden.sort import Job, jobs, lines
 from splatcore.hdl.sorting.deal import Deal
 from splatcore.sim.cycles.sort import stage_cycles
 from splatcore.sim.rtl.streams import Simulation
-from splatcore.spec.binning import group_record
 from splatcore.spec.config import DEFAULT, TINY
-from splatcore.spec.group import entry_record
-from splatcore.spec.sort import (
-    BUCKET_BITS,
-    LINE_SLOTS,
-    half_entries,
-    job_record,
-    line_record,
-    listed_record,
-)
+from splatcore.spec.sort import half_entries
 from splatcore.study.bench.sort_parts import KEYS, SortStage
 from tb.helpers.configs import MACHINES
 from tb.helpers.parts import forward
-from tb.helpers.runs import Case, compiled, faults_are_found
+from tb.helpers.runs import compiled, faults_are_found
 from tb.planted.fault import planted_in
-from tb.stages.sorting import entries_for, spill_case
+from tb.stages.sorting import deal_case, entries_for, spill_case
 
 KINDS = (*KEYS, "tied")
 
 
-def deal_rows(config, lists: list[np.ndarray], entries, found=None) -> tuple[dict, dict]:
-    """Return the rows of the input streams, and the expected rows of the output streams.
-
-    lists: keys per list
-    entries: entries of all lists
-    found: rounds or job per list; by default the golden model's
-    """
-    count = np.array([len(keys) for keys in lists])
-    start = np.concatenate([[0], np.cumsum(count)])
-    page = np.arange(len(count)) * 3 + 1
-    groups = group_record().pack({"page": page, "count": count})
-    reading, read, written, given, listed = [], [], [], [], []
-    for k, one in enumerate(found or jobs(config, lists)):
-        if isinstance(one, Job):
-            given.append((count[k], 1))
-            listed.append((page[k], count[k], 0))
-            continue
-        for round_ in one:
-            reading.append(k)
-            read.append(np.arange(start[k], start[k + 1]))
-            written += [(at, start[k] + some) for at, some in lines(config, round_)]
-            for job in round_.jobs:
-                given.append((len(job.order), job.last))
-                listed += [(round_.area << BUCKET_BITS | b, n, 1) for b, n in job.buckets]
-    read = np.concatenate([np.zeros(0, int), *read])
-    packed = entry_record(config).pack(entries)
-    slots = np.zeros((len(written), LINE_SLOTS), np.uint64)
-    for row, (_, some) in zip(slots, written, strict=True):
-        for slot, index in zip(range(LINE_SLOTS), some, strict=False):
-            row[slot] = sum(int(byte) << 8 * k for k, byte in enumerate(packed[index]))
-    given, listed = (np.array(rows, np.int64).reshape(len(rows), -1) for rows in (given, listed))
-    listed = listed.reshape(-1, 3)
-    return {"groups": groups, "entries": packed[read]}, {
-        "reading": groups[reading],
-        "lines": line_record(config).pack(
-            {"address": np.array([at for at, _ in written], np.uint32), "slots": slots}
-        ),
-        "jobs": job_record(config).pack({"count": given[:, 0], "last": given[:, 1]}),
-        "lists": listed_record().pack(dict(zip(("page", "count", "dealt"), listed.T, strict=True))),
-    }
-
-
 def check(name: str, kind: str, counts, stall: float = 0, seed: int = 0):
     config = MACHINES[name]
-    entries = entries_for(config, kind, counts, seed)
-    ends = np.cumsum(counts)
-    lists = np.split(entries["key"], ends[:-1])
-    inputs, expected = deal_rows(config, lists, entries)
-    case = Case(inputs, expected, {"settled": 1, "released": 1})
+    case = deal_case(config, counts, entries_for(config, kind, counts, seed))
     part = compiled(Deal, config)
     return case.check(part, f"{kind} {counts}: ", stall=stall, seed=seed, idle_max=3000)
 

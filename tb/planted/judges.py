@@ -48,7 +48,7 @@ QUICK = {
     "memory/bus": MASTER,
     "memory/fetch": "tb/hdl/test_model_reader.py -k 'models or positions'",
     "memory/share": "tb/hdl/test_groups.py",
-    "memory/store": "",
+    "memory/store": "tb/hdl/test_binned.py",
     "memory/turns": MASTER,
     "memory/words": "tb/hdl/test_memory.py -k 'bursts or neighbours or kept'",
     "memory/write_combiner": "tb/hdl/test_write_combiner.py",

@@ -1,14 +1,25 @@
 """Stage 2 and its sub-sorters: entries with keys of several kinds, sorted by the golden model."""
 
+from collections.abc import Callable
 from itertools import cycle
 
 import numpy as np
 
-from splatcore.golden.sort import sort, sub_sort
+from splatcore.golden.sort import Job, jobs, lines, sort, sub_sort
+from splatcore.spec.binning import group_record
 from splatcore.spec.config import TINY, Config
 from splatcore.spec.group import SPLAT_BITS, entry_record, sorted_record
 from splatcore.spec.record import Codes
-from splatcore.spec.sort import batch_record, half_entries, job_record, ranked_record
+from splatcore.spec.sort import (
+    BUCKET_BITS,
+    LINE_SLOTS,
+    batch_record,
+    half_entries,
+    job_record,
+    line_record,
+    listed_record,
+    ranked_record,
+)
 from splatcore.study.bench import sort_parts
 from splatcore.study.bench.sort_parts import entries_of, random_keys, stage_rows
 from tb.helpers.runs import Case
@@ -43,6 +54,46 @@ def spill_case(config: Config, counts, entries: Codes) -> Case:
     """Lists of `counts` entries, which may be dealt into buckets in scratch memory."""
     rows = stage_rows(config, np.array(counts), entries)
     return Case(rows.inputs, rows.expected, {"stop": 0})
+
+
+def deal_case(config: Config, counts, entries: Codes) -> Case:
+    """Lists of `counts` entries for dealing alone."""
+    count = np.asarray(counts)
+    start = np.concatenate([[0], np.cumsum(count)])
+    lists = np.split(entries["key"], start[1:-1])
+    page = np.arange(len(count)) * 3 + 1
+    groups = group_record().pack({"page": page, "count": count})
+    reading, read, written, given, listed = [], [], [], [], []
+    for k, one in enumerate(jobs(config, lists)):
+        if isinstance(one, Job):
+            given.append((count[k], 1))
+            listed.append((page[k], count[k], 0))
+            continue
+        for round_ in one:
+            reading.append(k)
+            read.append(np.arange(start[k], start[k + 1]))
+            written += [(at, start[k] + some) for at, some in lines(config, round_)]
+            for job in round_.jobs:
+                given.append((len(job.order), job.last))
+                listed += [(round_.area << BUCKET_BITS | b, n, 1) for b, n in job.buckets]
+    read = np.concatenate([np.zeros(0, int), *read])
+    packed = entry_record(config).pack(entries)
+    slots = np.zeros((len(written), LINE_SLOTS), np.uint64)
+    for row, (_, some) in zip(slots, written, strict=True):
+        for slot, index in zip(range(LINE_SLOTS), some, strict=False):
+            row[slot] = sum(int(byte) << 8 * k for k, byte in enumerate(packed[index]))
+    given, listed = (np.array(rows, np.int64).reshape(len(rows), -1) for rows in (given, listed))
+    listed = listed.reshape(-1, 3)
+    expected = {
+        "reading": groups[reading],
+        "lines": line_record(config).pack(
+            {"address": np.array([at for at, _ in written], np.uint32), "slots": slots}
+        ),
+        "jobs": job_record(config).pack({"count": given[:, 0], "last": given[:, 1]}),
+        "lists": listed_record().pack(dict(zip(("page", "count", "dealt"), listed.T, strict=True))),
+    }
+    inputs = {"groups": groups, "entries": packed[read]}
+    return Case(inputs, expected, {"settled": 1, "released": 1})
 
 
 def batch_case(config: Config, batches: list[np.ndarray], **constants: int) -> Case:
@@ -103,8 +154,8 @@ def sort_kinds() -> dict[str, Case]:
     return found | {"empty": sort_case(TINY, [0, 0, 0], entries_with([]))}
 
 
-def spill_kinds() -> dict[str, Case]:
-    """Lists that do not fit on chip.
+def spill_kinds(case: Callable = spill_case) -> dict[str, Case]:
+    """Lists that do not fit on chip, for all of stage 2 or, by `deal_case`, for dealing alone.
 
     The bounds of a long list's buckets depend on the keys of the previous long list. Each case ends
     with a list of keys of all sizes, which leaves the state after a reset, so cases do not depend
@@ -114,7 +165,7 @@ def spill_kinds() -> dict[str, Case]:
     counts, found = [3, MOST, MOST + 1, 1, 2 * MOST + 2, 20], {}
     for kind in KEYS_OF:
         keys = [*keys_of(kind, counts), all_sizes]
-        found[kind] = spill_case(TINY, list(map(len, keys)), entries_with(keys))
+        found[kind] = case(TINY, list(map(len, keys)), entries_with(keys))
     return found
 
 
