@@ -8,13 +8,13 @@ visits the chunks in order:
 
 - A finest chunk (error 0) is drawn, subject to its bounds as in any model.
 - A group is coarse enough if error < lod · z − lod · radius: z is the depth of the sphere's centre
-  and lod = `Camera.lod_pixels` / max(fx, fy), all in `Config.arithmetic` (program `level`). If it is,
-  its chunks are drawn, and the walk goes on at `jump`. If not, they are skipped, and the walk goes
-  on with the first child.
+  and lod = `Camera.lod_pixels` / max(fx, fy), all in `Config.arithmetic` (program `level`). If it
+  is, its chunks are drawn, and the walk goes on at `jump`. If not, they are skipped, and the walk
+  goes on with the first child.
 
 So each place is drawn exactly once, whatever the errors, spheres and roundings are. If the sphere
-touches the plane through the camera, z ≤ radius and the group is refined, as rounding keeps order. With 0 pixels only
-finest chunks are drawn.
+touches the plane through the camera, z ≤ radius and the group is refined: rounding keeps order.
+With 0 pixels only finest chunks are drawn.
 """
 
 from collections.abc import Iterator

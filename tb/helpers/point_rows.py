@@ -12,7 +12,7 @@ from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.frame import CAMERA, FrameConstants
-from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_sizes
 from splatcore.spec.number import Bits
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.point import EXPONENT, FETCH, WANTED, chunk_record, point_record, splat_record
@@ -42,7 +42,7 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
     points = project_points(config, model, camera)
     kept = np.flatnonzero(points.read).astype(np.uint64)
     streams = {
-        "headers": model.image[model.layout.chunks :][: len(points.read) * CHUNK_HEADER.size]
+        "headers": model.image[model.layout.chunks :][: len(points.read) * model.format.header_stride]
         .reshape(-1, CHUNK_HEADER.size),
         "chunks": chunk_rows(config, model, points),
         "fetch": FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)}),
@@ -59,8 +59,7 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
 
 def counts(model: PackedModel) -> np.ndarray:
     """Number of Gaussians in each chunk."""
-    starts = np.arange(chunk_count(len(model))) * CHUNK
-    return np.minimum(len(model) - starts, CHUNK)
+    return chunk_sizes(model.count)
 
 
 def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> dict:
@@ -185,11 +184,12 @@ def registers(config: Config, frame: FrameConstants, model: PackedModel) -> dict
         "constants": {name: int(format.encode(frame.constants[name])) for name in names},
     })  # fmt: skip
     of_model = ModelState.const({
-        "gaussians": len(model),
+        "gaussians": model.count,
         "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
         "sh": int(model.format.sh_degree > 0),
         "codebooks": int(model.format.codebooks),
         "small": int(model.format.small),
         "exponent": exponents(model),
     })  # fmt: skip
-    return {"frame": of_frame.as_bits(), "model": of_model.as_bits()}
+    of_levels = {"levels": int(model.format.levels)}
+    return {"frame": of_frame.as_bits(), "model": of_model.as_bits()} | of_levels
