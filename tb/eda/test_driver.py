@@ -78,7 +78,7 @@ def driven(
     given |= {"finished": 0, "frame_points": 2, "frame_tiles": 3, "need": 0, "error": 0} | machine
     host = HOST.render(
         model=", ".join(map(str, HEADER.pack(codes)[0])),
-        camera=camera_fields(view or camera(0)),
+        camera=camera_fields(view or camera(0), config.levels),
         memory=", ".join(map(hex, places(config).values())),
         machine=", ".join([*map(str, given.values()), *"000000000"]),
         first=registers.FRAME_START,

@@ -26,7 +26,7 @@ MACHINES = {
     "128 bits": NARROW,
     "256 bits": WIDE,
     "degree 1": replace(NARROW, sh_degree=1),
-    "degree 0": replace(NARROW, sh_degree=0),
+    "degree 0": replace(NARROW, sh_degree=0, levels=True),
     "PAPER": PAPER,
 }
 PAGE = axi.BOUNDARY // axi.BEAT
@@ -64,7 +64,8 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
     degree = int(header["sh_degree"])
     if header["magic"] != memory.MAGIC:
         return ErrorCode.MAGIC
-    if header["version"] not in ((3, 4) if config.compensates else (3,)):
+    known = [3, *[4] * config.compensates, *[5] * config.levels]
+    if header["version"] not in known:
         return ErrorCode.VERSION
     if degree > config.sh_degree:
         return ErrorCode.DEGREE
@@ -73,7 +74,6 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
     least, most = -15, [4, -3 if codebooks else 4, 4, 4]
     fits = header["position"] == (config.position == "absolute")
     fits &= header["small"] <= config.small_models
-    fits &= header["antialiased"] == (header["version"] == 4)
     fits &= -255 <= signed(header["position_exponent"])[0] <= 255
     fits &= all(least <= e <= m for e, m in zip(signed(header["exponent"]), most, strict=True))
     if codebooks and degree <= 1:
@@ -83,20 +83,31 @@ def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
     else:
         fits &= not codebooks and not any(index["sh_index"]) and config.colours == "beside"
         fits &= not header["small"]
-    return misplaced(config, header, base) if fits else ErrorCode.FORMAT
+    free = header["version"] == 5 and config.compensates
+    flags = free or header["antialiased"] == (header["version"] == 4)
+    flags &= not config.levels or header["levels"] == (header["version"] == 5)
+    if not fits or not (flags or unordered(header)):  # flags come after the first parts
+        return ErrorCode.FORMAT
+    return misplaced(config, header, base)
+
+
+def unordered(header: Codes) -> bool:
+    """Return whether parts overlap, by plain integers."""
+    bytes_ = {name: 64 * int(header[name].reshape(-1)[0]) for name in memory.PLACED}
+    count, stride = int(header["count"].reshape(-1)[0]), 64 if header["version"] == 5 else 32
+    ordered = 64 + -(-count // 256) * stride <= bytes_["positions"] <= bytes_["attributes"]
+    in_a_unit = 8 if header["small"] else 4
+    return not ordered or bytes_["attributes"] + -(-count // in_a_unit) * 64 > bytes_["colours"]
 
 
 def misplaced(config: Config, header: Codes, base: int) -> ErrorCode:
     """Return the error in the addresses of a model's parts, by plain integers."""
     bytes_ = {name: 64 * int(header[name].reshape(-1)[0]) for name in memory.PLACED}
-    count, codebooks = int(header["count"].reshape(-1)[0]), header["colour_index"].any()
+    codebooks = header["colour_index"].any()
     entries = [0, 0]
     for k, part in enumerate(("colour_index", "sh_index")):
         entries[k] = sum(1 << int(bits) for bits in header[part].reshape(-1) if bits)
-    ordered = 64 + -(-count // 256) * 32 <= bytes_["positions"] <= bytes_["attributes"]
-    in_a_unit = 8 if header["small"] else 4
-    ordered &= bytes_["attributes"] + -(-count // in_a_unit) * 64 <= bytes_["colours"]
-    if not ordered:
+    if unordered(header):
         return ErrorCode.PARTS
     if bytes_["colours"] >= 1 << 32:
         return ErrorCode.RANGE
@@ -121,7 +132,7 @@ def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
         fields |= {"codebooks": int(at.header["colour_index"].any())}
         fields |= {"exponent": at.header["exponent"].tolist()}
         assert ports["model"] == ModelState.const(fields).as_bits()
-        assert ports["given"]
+        assert ports["given"] and ports.get("levels", 0) == (at.header["version"] == 5)
     return error
 
 
@@ -132,6 +143,7 @@ EDITS = [
     *({"magic": memory.MAGIC ^ 1 << bit} for bit in (0, 31)),
     *({"version": version} for version in (0, 2, 4, 5, 0x103, 0xFFFF)),
     *({"version": version, "antialiased": 1} for version in (3, 4)),
+    *({"version": v, "levels": n, "antialiased": a} for v in (4, 5) for n in (0, 1) for a in (0, 1)),
     *({"sh_degree": degree} for degree in (*range(6), 128, 255)),
     *({"position": position} for position in (0, 1, 2, 64, 127)),
     *({"small": 1, "count": count} for count in (2, 1000)),
@@ -147,7 +159,7 @@ EDITS = [
 ]
 """Changes of header fields, some of them valid."""
 
-OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic"}
+OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic", "count"}
 """Fields to try on machines of lower degrees, which treat all other fields like `NARROW`."""
 
 
@@ -158,6 +170,7 @@ def test_headers(name):
     formats += [memory.model_format(PAPER if config is NARROW else NARROW, 1)]
     formats += [memory.model_format(config, max(memory.compact_degrees(config)), small=True)]
     formats += [memory.step_format(config, degree) for degree in (0, 3)]
+    formats += [replace(memory.step_format(config, 0), levels=True)] * config.levels
     edits = [edit for edit in EDITS if config in (NARROW, PAPER) or OF_DEGREE & edit.keys()]
     headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
     seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
@@ -240,6 +253,7 @@ FORMATS = {
     "compact, degree 0": (NARROW, memory.model_format(NARROW, 0)),
     "small": (NARROW, memory.model_format(NARROW, 1, small=True)),
     "no harmonics": (MACHINES["degree 0"], memory.step_format(NARROW, 0)),
+    "levels": (MACHINES["degree 0"], replace(memory.step_format(NARROW, 0), levels=True)),
     "paper": (PAPER, memory.model_format(PAPER, 1)),
     "steps, 256 bits": (WIDE, memory.step_format(WIDE, 3)),
     "compact, 256 bits": (WIDE, memory.model_format(WIDE, 1)),
