@@ -85,7 +85,7 @@ def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray
     """Rows of the chunks that are kept."""
     record, kept = chunk_record(config), np.flatnonzero(points.read)
     headers = model.chunks
-    first = kept * CHUNK if model.format.small else model.beats[kept * CHUNK]
+    first = kept * CHUNK if model.format.small else model.first_beats(kept * CHUNK)
     known = {"number": kept, "count": counts(model)[kept], "attributes": first}
     known |= {name: headers[name][kept] for name in ("octant_end", "shift", "harmonics", "step")}
     known = {name: codes.astype(np.uint64) for name, codes in known.items()}
