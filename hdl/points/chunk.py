@@ -40,8 +40,8 @@ class Chunk(wiring.Component):
     band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
     bounds; then no chunk is skipped.
 
-    With `Config.levels` it also chooses levels (`hdl.points.level`). A record's sphere takes the way
-    of a header: its centre that of both ends, its radius that of the reach, and the constant lod
+    With `Config.levels` it also chooses levels (`hdl.points.level`). A record is tested like a
+    header: its sphere's centre replaces both ends and its radius the reach, and the constant lod
     those of margin and guard band, so that far_x is the largest error (`spec.programs.LEVEL`).
 
     **Timing**: one PE; a header every `plan.length` + 15 cycles (`DEFAULT`: 38, while the points of

@@ -43,7 +43,7 @@ MACHINES: dict[str, Config] = {
         "no early end": replace(TINY, early_termination=False, faint=()),
         "near plane only": replace(TINY, culling="near", tile_test="3sigma"),
         "degree 1": replace(TINY, sh_degree=1, faint=(), port=256, pe_arrays=2),
-        "alpha": replace(TINY, rgba=True),
+        "alpha": replace(TINY, rgba=True, levels=True),
     }.items()
 }
 """Name → machine."""

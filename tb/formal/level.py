@@ -105,7 +105,7 @@ FAULTS = planted_in(
     Level,
     elaborate={
         "chunks of a subtree are drawn": ("~self.skips & (~coarse", "(~coarse"),
-        "a group decides for each chunk": ("Mux(self.again, self.drawn, self.enough)", "self.enough"),
+        "chunks of a group decide alone": ("self.again, self.drawn,", "self.again, self.enough,"),
         "a jump from the first of a group": ("drawn & coarse & record.last", "drawn & coarse"),
         "a jump to the chunk before": ("record.jump - 1", "record.jump - 2"),
         "a finer chunk at the own place": ("end <= self.number", "end < self.number"),

@@ -10,11 +10,11 @@ from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.camera import LOD_MAX, Camera
 from splatcore.spec.config import TINY
 from splatcore.spec.levels import LEVEL
-from splatcore.spec.memory import CHUNK, REACH, chunk_count, step_format
+from splatcore.spec.memory import REACH, chunk_count, step_format
 from splatcore.spec.packed import PackedModel
 from tb.helpers.colour_rows import random_model
 from tb.helpers.configs import ALPHA
-from tb.helpers.level_models import LIMIT, STRAIGHT, at_depth_one, gardens, ties, with_records
+from tb.helpers.level_models import LIMIT, STRAIGHT, at_depth_one, clouds, ties, with_records
 from tb.helpers.point_rows import point_rows
 from tb.helpers.runs import compiled
 from tb.stages.points import GARDEN, check, point_case
@@ -22,7 +22,7 @@ from tb.stages.points import GARDEN, check, point_case
 pytestmark = pytest.mark.slow
 
 CHUNKS = 40
-FAR, AMID = (replace(GARDEN, translation=np.add(GARDEN.translation, [0, 0, z])) for z in (40, -4))
+FAR, AMID = (replace(GARDEN, translation=np.add(GARDEN.translation, [0, 0, z])) for z in (10, -4))
 
 
 def unit() -> Simulation:
@@ -40,7 +40,7 @@ def drawn(model: PackedModel, camera: Camera, pixels: float, stall: float = 0.3)
 @pytest.mark.parametrize("camera", [FAR, AMID], ids=["far", "amid"])
 def test_cuts(camera):
     """From the finest level to the coarsest; the fewest chunks from afar."""
-    _, model = gardens(ALPHA, CHUNKS)
+    _, model = clouds(ALPHA, CHUNKS)
     found = [drawn(model, camera, pixels).sum() for pixels in (0, 0.25, 1, 4, LOD_MAX)]
     assert found[0] == CHUNKS > found[-1] and found == sorted(found, reverse=True)
     for stall in (0, 0.7):
@@ -48,14 +48,14 @@ def test_cuts(camera):
 
 
 def test_models_without_levels_take_no_cycle_more():
-    plain, _ = gardens(ALPHA, CHUNKS)
+    plain, _ = clouds(ALPHA, CHUNKS)
     cycles = [check("chunk", point_rows(config, plain, AMID), 0).cycles for config in (ALPHA, TINY)]
     assert cycles[0] == cycles[1]
 
 
 def test_equal_errors():
     """A group whose error is the limit is refined; with the next smaller error it is drawn."""
-    _, model = gardens(ALPHA, CHUNKS)
+    _, model = clouds(ALPHA, CHUNKS)
     limit = int(REACH.encode(LIMIT))
     assert drawn(at_depth_one(model, error=limit), STRAIGHT, 1).sum() == CHUNKS
     assert drawn(at_depth_one(model, error=limit - 1), STRAIGHT, 1).sum() == 2
@@ -65,7 +65,7 @@ def test_equal_errors():
 @pytest.mark.parametrize("radius, enough", [(1.0, False), (1.0 - 2.0**-9, True), (4e9, False)])
 def test_spheres_at_the_camera(radius, enough):
     """A sphere that touches the plane through the camera is refined, at any number of pixels."""
-    _, model = gardens(ALPHA, CHUNKS)
+    _, model = clouds(ALPHA, CHUNKS)
     centre = np.zeros((chunk_count(model.count), 3))
     centre[:, 2] = 2.0 ** -model.value("position_exponent")
     fields = {"centre": LEVEL["centre"].encode(centre), "radius": int(REACH.encode(radius))}
@@ -75,7 +75,7 @@ def test_spheres_at_the_camera(radius, enough):
 
 def test_ends_of_the_formats():
     """Smallest and largest errors and spheres, at centres in all corners of the grid."""
-    _, model = gardens(ALPHA, CHUNKS)
+    _, model = clouds(ALPHA, CHUNKS)
     rng, coarse = np.random.default_rng(0), model.levels["error"] > 0
     first = np.cumsum(np.append(True, model.levels["last"][:-1] > 0)) - 1
     ends = int(REACH.encode(REACH.max)) * np.array([0, 0, 1, 1]) + [1, 2, -1, 0]
@@ -90,7 +90,7 @@ def test_ends_of_the_formats():
 @pytest.mark.parametrize("chunks", [1, 3])
 def test_no_coarser_level(chunks):
     """One chunk alone, and too few for a group: all chunks are finest."""
-    _, model = gardens(ALPHA, chunks)
+    _, model = clouds(ALPHA, chunks)
     assert drawn(model, FAR, LOD_MAX).all() and len(model.levels["jump"]) == chunks
 
 
@@ -103,9 +103,8 @@ def test_no_coarser_level(chunks):
 ])  # fmt: skip
 def test_contradictions_are_reported(field, change, chunk):
     """A record that contradicts its place; the unit takes all headers all the same."""
-    _, model = gardens(ALPHA, 5)
-    camera, coarse = replace(FAR, lod_pixels=1.0), model.levels["error"] > 0
-    rows = point_rows(ALPHA, model, camera)
+    _, model = clouds(ALPHA, 5)
+    rows = point_rows(ALPHA, model, replace(FAR, lod_pixels=1.0))
     codes = LEVEL.unpack(rows.streams["headers"][::2])
     codes[field][chunk] = change(codes[field][chunk])
     rows.streams["headers"][::2] = LEVEL.pack(codes)

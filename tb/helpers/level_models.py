@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 
-from splatcore.model.generate.generate import generate
 from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack
 from splatcore.spec.camera import Camera
@@ -12,13 +11,14 @@ from splatcore.spec.config import Config
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK, REACH, chunk_count
 from splatcore.spec.packed import PackedModel
+from tb.helpers.clouds import cloud
 from tb.helpers.model_bits import with_checksum
 
 
 @cache
-def gardens(config: Config, chunks: int) -> tuple[PackedModel, PackedModel]:
-    """A garden of so many chunks without levels, and with them."""
-    plain, _ = pack(generate("garden", chunks * CHUNK - 30), config, quality="compact")
+def clouds(config: Config, chunks: int) -> tuple[PackedModel, PackedModel]:
+    """A cloud of so many chunks without levels, and with them."""
+    plain, _ = pack(cloud(1, chunks * CHUNK - 30, degree=1), config, quality="compact")
     return plain, with_levels(plain, config)[0]
 
 

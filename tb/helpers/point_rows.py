@@ -41,9 +41,9 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
     """Compute the rows of every stream by the golden model."""
     points = project_points(config, model, camera)
     kept = np.flatnonzero(points.read).astype(np.uint64)
+    headers = model.image[model.layout.chunks :][: len(points.read) * model.format.header_stride]
     streams = {
-        "headers": model.image[model.layout.chunks :][: len(points.read) * model.format.header_stride]
-        .reshape(-1, CHUNK_HEADER.size),
+        "headers": headers.reshape(-1, CHUNK_HEADER.size),
         "chunks": chunk_rows(config, model, points),
         "fetch": FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)}),
         "positions": position_rows(model, points),

@@ -32,7 +32,7 @@ from splatcore.spec.point import (
 )
 from splatcore.spec.scene import Scene
 from tb.helpers.configs import ALPHA
-from tb.helpers.level_models import STRAIGHT, gardens, ties
+from tb.helpers.level_models import STRAIGHT, clouds, ties
 from tb.helpers.point_rows import PointRows, care_of, point_rows
 from tb.helpers.point_rows import values as codes
 from tb.helpers.runs import Case, compiled, counters
@@ -110,11 +110,11 @@ def with_harmonics(scene: Scene, rng: np.random.Generator) -> Scene:
 
 def level_case(kind: str) -> Case:
     """The chunk unit on a model with levels: from afar, or with errors equal to the limit."""
-    model, camera = gardens(ALPHA, 9)[1], replace(GARDEN, lod_pixels=1.0)
+    model, camera = clouds(ALPHA, 9)[1], replace(GARDEN, lod_pixels=0.25)
     if kind == "tie":
         model, camera = ties(model), STRAIGHT
     elif kind == "far":
-        camera = replace(camera, translation=camera.translation + [0, 0, 40])
+        camera = replace(camera, translation=np.add(camera.translation, [0, 0, 10]))
     return point_case("chunk", point_rows(ALPHA, model, camera))
 
 
