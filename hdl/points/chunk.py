@@ -202,7 +202,7 @@ class Chunk(wiring.Component):
 
     def _last(self) -> Value:
         """Number of the model's last chunk."""
-        return (self.model.gaussians - 1)[CHUNK.bit_length() - 1 :][: point.NUMBER_BITS]
+        return (self.model.gaussians - 1)[CHUNK.bit_length() - 1 :]
 
     def _keep(self, m: Module, found: data.View) -> Value:
         """High if the chunk is kept, or if the tested group is coarse enough."""
