@@ -20,7 +20,7 @@ from splatcore.spec.memory import CHUNK, CHUNK_HEADER
 from splatcore.spec.microprogram import culling, program, projection
 from splatcore.spec.schedule import schedule
 
-LEVEL_HEADER = (CHUNK_HEADER.size + LEVEL.size) // BEAT  # cycles to read a header with its level
+LEVEL_HEADER = 2 * (CHUNK_HEADER.size + LEVEL.size) // BEAT  # cycles of a header that is dropped
 SET_UP = 3  # minimum cycles per splat in binning
 
 # Cycles from registers and states, without memory latency.
@@ -39,12 +39,11 @@ def chunk_interval(config: Config) -> int:
 
 
 def level_costs(config: Config, points: Points) -> np.ndarray:
-    """Cycles [C] per chunk in choosing levels; its PE processes one group at a time, and other
-    headers pass as fast as they are read. Zeros without levels."""
-    if points.drawn.all():
-        return np.zeros(len(points.drawn), np.int64)
-    plan = schedule(config, program("level"))
-    return np.where(points.tested, plan.length, LEVEL_HEADER)
+    """Cycles [C] per chunk in choosing levels, without those of headers that are drawn: a group is
+    tested like a header, a round later, and other headers are dropped as fast as they are read.
+    Zeros without levels."""
+    test = chunk_interval(config) + schedule(config, program("chunk")).interval
+    return np.where(points.tested, test, np.where(points.drawn, 0, LEVEL_HEADER))
 
 
 def bin_costs(frame: Frame) -> np.ndarray:
@@ -72,7 +71,8 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     end = pass_points(drawn, waits, points.step, bin_costs(frame), parts, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count
-    return int(begin + max(end, levels.sum()) + len(count) + LAST_BURST * np.count_nonzero(count))
+    end = max(end, levels.sum() + len(waits) * chunk_interval(config))
+    return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))
 
 
 class Part(NamedTuple):
@@ -96,22 +96,21 @@ def pass_points(chunks, waits, kind, costs, parts, slots, queue):
     """Trace all points through stages 0 and 1; the cycle in which the last splat is binned.
 
     chunks: [C] points that are read per drawn chunk
-    waits: [C] cycles of choosing levels from the drawn chunk before to this one
+    waits: [C] cycles of choosing levels from the drawn chunk before to this one; the same PE
     kind: [N] last step of each point: 0 culled, 1 outside the guard band, 2 projected, 3 a splat
     costs: [M] binning cycles per splat
     parts: `Parts`
     slots, queue: entries of the projection's slots and output queue
     """
     chunk, cull, place, project = parts
-    level = header = culled = placed = entered = binned = 0.0
+    header = culled = placed = entered = binned = 0.0
     through = np.zeros(CHUNKS_WAITING + 1)  # when the last chunks left culling
     cull_left, place_left = np.zeros(INSIDE), np.zeros(INSIDE)  # when points left
     released, gone = np.zeros(slots), np.zeros(queue)
     cost = 0
     point = read = front = inside = splats = 0
     for number, count in enumerate(chunks):
-        level = max(level + waits[number], header)
-        header = level + chunk.interval
+        header += waits[number] + chunk.interval
         if count == 0:
             continue
         header = max(header, through[read % len(through)])

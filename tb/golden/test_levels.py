@@ -116,7 +116,7 @@ def test_no_pixels_is_the_finest_level(models):
         assert np.array_equal(frames[0].pixels, frames[1].pixels)
         assert frames[0].counts == frames[1].counts
         one, other = (frame_cycles(LEVELS, frame) for frame in frames)
-        assert replace(one, preprocessing=other.preprocessing) == other
+        assert replace(one, chunk=other.chunk, preprocessing=other.preprocessing) == other
         assert one.preprocessing <= other.preprocessing < 1.2 * one.preprocessing
         assert frame_cycles(DEFAULT, pipeline.render(DEFAULT, plain, camera)) == one
 
@@ -135,12 +135,13 @@ def test_coarser_levels_cost_less(models):
 
 
 def test_cycles_of_levels(models):
-    """One group at a time is tested; other headers pass at four cycles each."""
+    """A group is tested like a header; headers that are not drawn pass at eight cycles each."""
     found = [project_points(LEVELS, each, replace(FAR, lod_pixels=1.0), False) for each in models]
     assert not level_costs(LEVELS, found[0]).any()
     costs, tested = level_costs(LEVELS, found[1]), found[1].tested
-    assert (costs[tested] == schedule(LEVELS, program("level")).length).all() and tested.any()
-    assert (costs[~tested] == 4).all()
+    plan, drawn = schedule(LEVELS, program("chunk")), found[1].drawn
+    assert (costs[tested] == 3 * plan.interval).all() and tested.any()
+    assert (costs[~tested] == np.where(drawn[~tested], 0, 8)).all()
 
 
 def test_budget(models):
