@@ -11,16 +11,17 @@ from numba import njit
 
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.points import Points
+from splatcore.hdl.points.model_reader import BEATS_WAITING
 from splatcore.hdl.points.points import CHUNKS_WAITING
 from splatcore.hdl.points.project import SPARE
-from splatcore.spec.axi import BEAT
+from splatcore.spec.axi import BEAT, BURST_BEATS
 from splatcore.spec.config import Config
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER
 from splatcore.spec.microprogram import culling, program, projection
 from splatcore.spec.schedule import schedule
 
-LEVEL_HEADER = 2 * (CHUNK_HEADER.size + LEVEL.size) // BEAT  # cycles of a header that is dropped
+LEVEL_BEATS = (CHUNK_HEADER.size + LEVEL.size) // BEAT  # of a header with its record
 SET_UP = 3  # minimum cycles per splat in binning
 
 # Cycles from registers and states, without memory latency.
@@ -38,12 +39,14 @@ def chunk_interval(config: Config) -> int:
     return (plan.length // plan.interval + 1) * plan.interval
 
 
-def level_costs(config: Config, points: Points) -> np.ndarray:
+def level_costs(config: Config, points: Points, latency: int) -> np.ndarray:
     """Cycles [C] per chunk in choosing levels, without those of headers that are drawn: a group is
-    tested like a header, a round later, and other headers are dropped as fast as they are read.
-    Zeros without levels."""
+    tested like a header, a round later, and other headers are dropped as fast as they are read:
+    a beat every other cycle, or `BEATS_WAITING` in the time that memory takes for a burst. Zeros
+    without levels. latency: memory cycles from a request to its first beat"""
+    dropped = LEVEL_BEATS * max(2, (latency + BURST_BEATS) // BEATS_WAITING)
     test = chunk_interval(config) + schedule(config, program("chunk")).interval
-    return np.where(points.tested, test, np.where(points.drawn, 0, LEVEL_HEADER))
+    return np.where(points.tested, test, np.where(points.drawn, 0, dropped))
 
 
 def bin_costs(frame: Frame) -> np.ndarray:
@@ -57,7 +60,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     points, plan = frame.points, schedule(config, projection(config))
     chunks = np.where(points.read, CHUNK, 0)
     chunks[np.flatnonzero(chunks)[-1:]] -= chunks.sum() - len(points.step)  # a short last chunk
-    levels = level_costs(config, points)
+    levels = level_costs(config, points, latency)
     waits = np.diff(np.cumsum(levels)[points.drawn], prepend=0)
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
     parts = Parts(

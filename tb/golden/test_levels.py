@@ -135,13 +135,15 @@ def test_coarser_levels_cost_less(models):
 
 
 def test_cycles_of_levels(models):
-    """A group is tested like a header; headers that are not drawn pass at eight cycles each."""
+    """A group is tested like a header; others that are not drawn wait for memory."""
     found = [project_points(LEVELS, each, replace(FAR, lod_pixels=1.0), False) for each in models]
-    assert not level_costs(LEVELS, found[0]).any()
-    costs, tested = level_costs(LEVELS, found[1]), found[1].tested
+    assert not level_costs(LEVELS, found[0], 80).any()
+    tested = found[1].tested
     plan, drawn = schedule(LEVELS, program("chunk")), found[1].drawn
-    assert (costs[tested] == 3 * plan.interval).all() and tested.any()
-    assert (costs[~tested] == np.where(drawn[~tested], 0, 8)).all()
+    for latency, dropped in ((4, 8), (80, 12)):
+        costs = level_costs(LEVELS, found[1], latency)
+        assert (costs[tested] == 3 * plan.interval).all() and tested.any()
+        assert (costs[~tested] == np.where(drawn[~tested], 0, dropped)).all()
 
 
 def test_budget(models):
