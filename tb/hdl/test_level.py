@@ -8,7 +8,7 @@ import pytest
 from splatcore.hdl.points.chunk import Chunk
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.camera import LOD_MAX, Camera
-from splatcore.spec.config import TINY
+from splatcore.spec.config import DEFAULT, TINY
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import REACH, chunk_count, step_format
 from splatcore.spec.packed import PackedModel
@@ -111,6 +111,18 @@ def test_contradictions_are_reported(field, change, chunk):
     case = point_case("chunk", rows)
     result = unit().run(case.inputs, constants=case.constants)
     assert result.samples["fault"].any() and result.taken["i"] == len(case.inputs["i"])
+
+
+OTHER = ({"culling": "none"}, {"culling": "near", "depth_interval": True}, {"colours": "array"})
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("changes", OTHER, ids=str)
+def test_other_machines(changes):
+    config = replace(DEFAULT, name="LEVELS", levels=True, sh_degree=1, **changes)
+    rows = point_rows(config, clouds(config, 9)[1], replace(FAR, lod_pixels=0.25))
+    assert 2 < rows.points.drawn.sum() < 9
+    check("chunk", rows, 0.3)
 
 
 @pytest.mark.verify
