@@ -54,10 +54,13 @@ def test_models_without_levels_take_no_cycle_more():
 
 
 def test_equal_errors():
-    """A group whose error is the limit is refined; with the next smaller error it is drawn."""
-    _, model = clouds(ALPHA, CHUNKS)
+    """A group whose error is the limit is refined; with the next smaller error, or the next larger
+    limit, it is drawn. On a coarse grid, where ends of chunks would be apart."""
+    _, model = clouds(ALPHA, CHUNKS, 2.0**15)
     limit = int(REACH.encode(LIMIT))
-    assert drawn(at_depth_one(model, error=limit), STRAIGHT, 1).sum() == CHUNKS
+    equal = at_depth_one(model, error=limit)
+    assert drawn(equal, STRAIGHT, 1).sum() == CHUNKS
+    assert drawn(equal, STRAIGHT, 1 + 2.0**-15).sum() == 2
     assert drawn(at_depth_one(model, error=limit - 1), STRAIGHT, 1).sum() == 2
     assert 2 < drawn(ties(model), STRAIGHT, 1).sum() < CHUNKS
 

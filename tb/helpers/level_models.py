@@ -16,9 +16,10 @@ from tb.helpers.model_bits import with_checksum
 
 
 @cache
-def clouds(config: Config, chunks: int) -> tuple[PackedModel, PackedModel]:
-    """A cloud of so many chunks without levels, and with them."""
-    plain, _ = pack(cloud(1, chunks * CHUNK - 30, degree=1), config, quality="compact")
+def clouds(config: Config, chunks: int, spread: float = 1.0) -> tuple[PackedModel, PackedModel]:
+    """A cloud of `chunks` chunks without levels, and with them."""
+    scene = cloud(1, chunks * CHUNK - 30, degree=1, spread=spread)
+    plain, _ = pack(scene, config, quality="compact")
     return plain, with_levels(plain, config)[0]
 
 
