@@ -29,7 +29,7 @@ def cut(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[np.n
     round_ = config.arithmetic.round
     way = levels["centre"].astype(np.int64) - frame.camera  # [C, 3] grid steps
     ray = round_(np.ldexp(way.astype(np.float64), model.value("position_exponent")))
-    fields = dict(zip(RAY, ray.T, strict=True)) | {"radius": round_(levels["radius"])}
+    fields = dict(zip(RAY, ray.T, strict=True)) | {"inward": -round_(levels["radius"])}
     most = run(config, program("level"), frame.constants | fields)["error_max"]
     coarse = levels["error"] > 0
     enough = coarse & (round_(levels["error"]) < most)

@@ -15,7 +15,6 @@ from splatcore.hdl.registers import Registers
 from splatcore.spec.axi import PREPROCESSING, READERS, RENDERING, WRITERS, window_bits
 from splatcore.spec.config import Config
 from splatcore.spec.counters import HALF, beats
-from splatcore.spec.error import InputError
 
 
 class Top(wiring.Component):
@@ -26,8 +25,6 @@ class Top(wiring.Component):
     """
 
     def __init__(self, config: Config):
-        if config.levels:
-            raise InputError(f"preset {config.name}: levels are not built in hardware yet")
         self.config, self.windows = config, bool(window_bits(config))
         self.registers, self.frame, self.axi = Registers(config), Frame(config), Axi(config)
         self.preprocess, self.render = Preprocess(config), Render(config)

@@ -114,7 +114,7 @@ class Table:
 
 def chunk_table(header: ModelHeader) -> Table:
     """Return the first table, the chunk headers; they determine the other tables' rows."""
-    records = (CHUNK_HEADER, LEVEL) if header.format.levels else (CHUNK_HEADER,)
+    records = (LEVEL, CHUNK_HEADER) if header.format.levels else (CHUNK_HEADER,)
     return Table("chunks", records, chunk_count(header.count))
 
 

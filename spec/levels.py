@@ -2,26 +2,26 @@
 
 A group is `PER_GROUP` coarser chunks in a row that were merged from the chunks of its child groups,
 or from finest chunks. Chunks are stored depth first: the group's own, then each child's whole
-subtree; the finest chunks keep the order, and the bits, that they have without levels. Behind each
+subtree; the finest chunks keep the order, and the bits, that they have without levels. Before each
 chunk header is a record (`LEVEL`); the records of a group are equal except for `last`. A machine
 visits the chunks in order:
 
 - A finest chunk (error 0) is drawn, subject to its bounds as in any model.
-- A group is coarse enough if error < lod · (z − radius): z is the depth of the sphere's centre and
-  lod = `Camera.lod_pixels` / max(fx, fy), all in `Config.arithmetic` (program `level`). If it is,
-  its chunks are drawn, and the walk goes on at `jump`. If not, they are skipped, and the walk goes
-  on with the first child.
+- A group is coarse enough if error < lod · z − lod · radius: z is the depth of the sphere's centre
+  and lod = `Camera.lod_pixels` / max(fx, fy), all in `Config.arithmetic` (program `level`). If it
+  is, its chunks are drawn, and the walk goes on at `jump`. If not, they are skipped, and the walk
+  goes on with the first child.
 
 So each place is drawn exactly once, whatever the errors, spheres and roundings are. If the sphere
-touches the plane through the camera, z − radius ≤ 0 and the group is refined. With 0 pixels only
-finest chunks are drawn.
+touches the plane through the camera, z ≤ radius and the group is refined: rounding keeps order.
+With 0 pixels only finest chunks are drawn.
 """
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from splatcore.spec.memory import LEVEL_SIZE, ORIGIN_BITS, REACH
+from splatcore.spec.memory import CHUNK_HEADER, LEVEL_SIZE, ORIGIN_BITS, REACH
 from splatcore.spec.number import Bits, Fixed
 from splatcore.spec.record import Array, Record
 
@@ -33,18 +33,23 @@ LEVEL = Record(
     {
         "centre": Array(Fixed(ORIGIN_BITS - 1, 0, signed=True), 3),  # grid steps
         "last": Bits(1),  # the next chunk is of another group; set in finest chunks
-        "spare": Bits(7),
-        "radius": REACH,  # of the sphere around the centres of the group's whole subtree
+        "spare": Bits(22),
         "error": REACH,  # of the group, scene units; 0: a finest chunk
+        "radius": REACH,  # of the sphere around the centres of the group's whole subtree
         "jump": Bits(24),  # number of the first chunk after the group's subtree
         "beats": Bits(32),  # beats of attributes of all chunks before `jump`, over CHUNK
-        "reserved": Bits(40),
+        "reserved": Bits(25),
     },
 )
-"""The record behind a chunk header."""
+"""The record before a chunk header. Centre and radius are in the bits of the header's origin and
+reach, so that a machine tests a sphere with the steps that find a chunk's bounds."""
 
-if LEVEL.size != LEVEL_SIZE:
-    raise ValueError(f"a level's record has {LEVEL.size} bytes, not {LEVEL_SIZE}")
+PLACES = {field: LEVEL.offset(field) for field in ("centre", "radius")}
+
+if LEVEL.size != LEVEL_SIZE or list(PLACES.values()) != [
+    CHUNK_HEADER.offset(field) for field in ("origin", "reach")
+]:
+    raise ValueError(f"a level's record has {LEVEL.size} bytes, fields at {PLACES}")
 
 Levels = dict[str, np.ndarray]
 """Values [C] of the records' fields."""

@@ -32,7 +32,7 @@ beat: L as integers of 4 bits times a common power of two, and opacity and offse
 `spec.small` expands them to the fields of a whole beat, exactly.
 
 Models with levels of detail also have coarser chunks. They are stored among the others, and each
-chunk header is followed by a record of where a view may stop refining (`spec.levels`).
+chunk header follows a record of where a view may stop refining (`spec.levels`).
 """
 
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ COMPACT_DEGREE = 1
 CHUNK = 256
 """Gaussians per chunk (the last chunk of a model may have fewer)."""
 LEVEL_SIZE = 32
-"""Bytes of the record behind the chunk header in models with levels, `spec.levels.LEVEL`."""
+"""Bytes of the record before each chunk header in models with levels, `spec.levels.LEVEL`."""
 
 ORIGIN_BITS = 40  # of a coordinate of a chunk's origin, in grid steps
 OFFSET_BITS = 16  # of an offset from a chunk's origin
@@ -176,7 +176,7 @@ class ModelFormat:
     colour_index: tuple[int, ...]  # index bits of each codebook stage; empty for models in steps
     sh_index: tuple[int, ...]  # likewise
     small: bool = False  # attributes take half a beat
-    levels: bool = False  # a record follows each chunk header
+    levels: bool = False  # a record precedes each chunk header
 
     @property
     def codebooks(self) -> bool:

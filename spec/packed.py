@@ -105,14 +105,14 @@ class PackedModel(ModelHeader):
     @cached_property
     def chunks(self) -> dict[str, np.ndarray]:
         """Values of the chunk headers: the fields of `spec.memory.CHUNK_HEADER`."""
-        return self._headers(memory.CHUNK_HEADER, 0)
+        return self._headers(memory.CHUNK_HEADER, memory.LEVEL_SIZE * self.format.levels)
 
     @cached_property
     def levels(self) -> Levels | None:
         """Values of the records of `spec.levels.LEVEL`; None: the model has no levels."""
         if not self.format.levels:
             return None
-        return self._headers(LEVEL, memory.CHUNK_HEADER.size)
+        return self._headers(LEVEL, 0)
 
     def _headers(self, record: Record, place: int) -> dict[str, np.ndarray]:
         """Return the values of a record at byte `place` of each chunk's header."""

@@ -29,10 +29,11 @@ far_y = z_high * guard_y + margin_y
 
 LEVEL = """
 # largest error with which a group of coarser chunks is drawn (`spec.levels`): the pixels of error
-# at the nearest point of its sphere
+# at the nearest point of its sphere. These are the steps of z_high and far_x above, with other
+# inputs, so that one PE runs both; inward: minus the sphere's radius
+margin = lod * inward
 middle = vz0 * ray_x + vz1 * ray_y + vz2 * ray_z
-nearest = middle - radius
-error_max = nearest * lod
+error_max = middle * lod + margin
 """
 
 CULL = """

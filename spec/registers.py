@@ -70,6 +70,7 @@ class ErrorCode(IntEnum):
     STRAY = 14  # an unexpected AXI response, dropped: a fault of the bus; frames go on
     RANGE = 15  # the area at an address ends beyond 4 GiB; the detail is the address's register
     PARTS = 16  # the model's parts are out of order or too short for its number of Gaussians
+    LEVELS = 17  # a record of the model's levels of detail contradicts its place
 
 
 FRAME_BITS = 16
@@ -148,7 +149,8 @@ def control_registers(config: Config) -> list[Register]:
     side = TILE * config.group
     about_groups = f"maximum number of groups of {side} x {side} pixels per image"
     about_error = f"code, detail << {CODE_BITS}, halves << {HALVES_AT}; any write clears it"
-    version, about = VERSIONS[config.compensates], "newest model version that the machine reads"
+    newest = VERSIONS[-1 if config.levels else config.compensates]
+    version, about = newest, "newest model version that the machine reads"
     if window_bits(config):
         version, about = version | WIDE, f"{about}; addresses have 64 bits << 16"
     if config.rgba:

@@ -75,6 +75,10 @@ static void put_lens(struct splatcore_view *found, const struct splatcore_camera
         for (int k = 0; k < 4; k++)
             put(found, screen[axis][k], splatcore_number(values[k]));
     }
+#ifdef SPLATCORE_CONSTANT_LOD
+    put(found, SPLATCORE_CONSTANT_LOD,
+        splatcore_number(camera->lod_pixels / larger(camera->fx, camera->fy)));
+#endif
     put(found, SPLATCORE_NEAR_PLANE,
         splatcore_number_below(camera->near > 0 ? camera->near : SPLATCORE_NEAR));
 }

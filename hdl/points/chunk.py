@@ -1,18 +1,20 @@
 """Front of stage 0: values that a chunk's points share, and skipping of chunks out of view."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.arithmetic.compare import compared
 from splatcore.hdl.arithmetic.convert import Convert, FromFixed, converted
-from splatcore.hdl.lib.record import same_fields, stream_of
+from splatcore.hdl.lib.record import layout, same_fields, stream_of
 from splatcore.hdl.lib.stream import judged
 from splatcore.hdl.points.array import Array
+from splatcore.hdl.points.level import Level
 from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec import microprogram, point, programs
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import Config
+from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
 from splatcore.spec.programs import CORNER_STEPS
 
@@ -38,8 +40,13 @@ class Chunk(wiring.Component):
     band (`spec.programs.CHUNK`): none of its points will be read. Absolute positions have no
     bounds; then no chunk is skipped.
 
+    With `Config.levels` it also chooses levels (`hdl.points.level`). A record is tested like a
+    header: its sphere's centre replaces both ends and its radius the reach, and the constant lod
+    those of margin and guard band, so that far_x is the largest error (`spec.programs.LEVEL`).
+
     **Timing**: one PE; a header every `plan.length` + 15 cycles (`DEFAULT`: 38, while the points of
-    a full chunk take 1024). One header at a time, so its numbers need not be carried along.
+    a full chunk take 1024). One header at a time, so its numbers need not be carried along. A
+    record that is tested takes as long as a header.
     """
 
     def __init__(self, config: Config):
@@ -52,6 +59,9 @@ class Chunk(wiring.Component):
             "o": Out(stream_of(point.chunk_record(config))),
             "taken": Out(1),  # a header is done, kept or skipped, high for one cycle
         }
+        if config.levels:
+            # the model has levels; a record contradicts its place, high for one cycle
+            ports |= {"levels": In(1), "fault": Out(1)}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -60,16 +70,33 @@ class Chunk(wiring.Component):
         self.number = Signal(point.NUMBER_BITS)
         # Beats of attributes of all earlier chunks, over CHUNK: only a model's last has fewer.
         self.beats = Signal(point.BEATS_BITS - point.PLACE_BITS)
+        self.headers = self._levels(m) if self.config.levels else self.i
         self._run(m, *self._converted(m))
         self._give(m)
         return m
+
+    def _levels(self, m: Module) -> stream.Interface:
+        """Headers that the view draws, and records to be tested."""
+        m.submodules.level = level = self.level = Level()
+        connect(m, flipped(self).i, level.i)
+        m.d.comb += [
+            level.levels.eq(self.levels),
+            level.number.eq(self.number),
+            level.last.eq(self._last()),
+            self.fault.eq(level.fault),
+        ]
+        return level.o
+
+    def _header(self, value: Value) -> Value:
+        """A value that is 0 while a record is tested."""
+        return value & ~self.level.tests if self.config.levels else value
 
     def _converted(self, m: Module) -> tuple[Value, list[Signal], list[Signal]]:
         """The chunk's two ends along each world axis as floats, converted one after the other.
 
         Returns a bit (all are converted), the low ends and the high ends.
         """
-        header, format = self.i.payload, self.config.arithmetic
+        header, format = self.headers.payload, self.config.arithmetic
         scale = range(-EXPONENT_MAX, EXPONENT_MAX + 1)
         m.submodules.convert = convert = FromFixed(point.AWAY, format, CONVERT_LATENCY, scale)
         way = Signal(signed(point.AWAY.width))
@@ -92,11 +119,11 @@ class Chunk(wiring.Component):
             for end in ("low", "high")
             for axis in AXES
         ]
-        with m.If(~done & self.i.valid):
+        with m.If(~done & self.headers.valid):
             m.d.sync += step.eq(step << 1)
             comes = self._outward(convert.o, high)
             m.d.sync += [a.eq(b) for a, b in zip(values, [*values[1:], comes], strict=True)]
-        with m.If(self.taken):
+        with m.If(self.array.o.ready):
             m.d.sync += step.eq(1)
         return done, values[: len(AXES)], values[len(AXES) :]
 
@@ -104,6 +131,7 @@ class Chunk(wiring.Component):
         """A code moved `CORNER_STEPS` codes up or down, unless it is at an end of the format."""
         size, exponent = code[:-1], code[self.config.arithmetic.fraction : -1]
         inside, bits = exponent.any() & ~exponent[1:].all(), CORNER_STEPS.bit_length() - 1
+        inside = self._header(inside)
         grows = code[-1] != up
         moved = size[bits:] + Mux(grows, 1, -1)
         return Cat(size[:bits], Mux(inside, moved[: len(size) - bits], size[bits:]), code[-1])
@@ -113,32 +141,37 @@ class Chunk(wiring.Component):
         fields, inside = self.array.i.payload.fields, Signal()
         reach = Convert(REACH, self.config.arithmetic, 0)
         m.d.comb += [
-            fields.chunk_reach.eq(converted(m, "reach", reach, self.i.payload.reach)),
+            fields.chunk_reach.eq(converted(m, "reach", reach, self.headers.payload.reach)),
             self.array.i.valid.eq(done & ~inside),
         ]
         for name, (constant, side) in programs.CORNERS.items():
             falls, axis = self.frame.constants[constant][-1], int(name[-1])
+            if self.config.levels and name.startswith("z"):
+                falls |= self.level.tests
             least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
             m.d.comb += fields[name].eq(least if side == "least" else most)
         with m.If(self.array.i.valid & self.array.i.ready):
             m.d.sync += inside.eq(1)
-        with m.If(self.taken):
+        with m.If(self.array.o.ready):
             m.d.sync += inside.eq(0)
         m.d.comb += same_fields(self.array.constants, self.frame.constants)
+        if self.config.levels:
+            lod, constants = self.frame.constants.lod, self.array.constants
+            with m.If(self.level.tests):
+                m.d.comb += [constants.guard_x.eq(lod), constants.spread_x.eq(Cat(lod[:-1], 1))]
 
     def _give(self, m: Module):
         """Decide whether to keep the chunk, and pass it on."""
-        header, found, payload = self.i.payload, self.array.o.payload.outputs, self.o.payload
-        kept, known = judged(m, self.array.o, self._kept(m, found))
+        header, found, payload = self.headers.payload, self.array.o.payload.outputs, self.o.payload
+        kept, known = judged(m, self.array.o, self._keep(m, found))
         gaussians = self.model.gaussians
-        last = self.number == (gaussians - 1)[CHUNK.bit_length() - 1 :]
+        last = self.number == self._last()
         whole = self.number != gaussians[CHUNK.bit_length() - 1 :]
         count = Mux(whole, CHUNK, gaussians[: CHUNK.bit_length() - 1])
         m.d.comb += [
-            self.o.valid.eq(known & kept),
-            self.array.o.ready.eq(known & (self.o.ready | ~kept)),
-            self.taken.eq(self.array.o.ready),
-            self.i.ready.eq(self.taken),
+            self.o.valid.eq(self._header(known & kept)),
+            self.array.o.ready.eq(known & (self.o.ready | ~self._header(kept))),
+            self.headers.ready.eq(self.array.o.ready),
             payload.culling.count.eq(count),
             payload.fetch.number.eq(self.number),
             payload.fetch.count.eq(count),
@@ -146,6 +179,11 @@ class Chunk(wiring.Component):
             payload.projecting.harmonics.eq(header.harmonics),
             payload.projecting.step.eq(header.step),
         ]
+        taken = self._header(self.array.o.ready)
+        if self.config.levels:
+            taken |= self.level.dropped
+            m.d.comb += self.level.enough.eq(kept)
+        m.d.comb += self.taken.eq(taken)
         for part in payload.shape().members:
             fields = payload[part]
             for name in fields.shape().members:
@@ -161,6 +199,20 @@ class Chunk(wiring.Component):
         with m.If(self.taken):
             m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
             m.d.sync += self.beats.eq(Mux(last, 0, self.beats + each))
+
+    def _last(self) -> Value:
+        """Number of the model's last chunk."""
+        return (self.model.gaussians - 1)[CHUNK.bit_length() - 1 :]
+
+    def _keep(self, m: Module, found: data.View) -> Value:
+        """High if the chunk is kept, or if the tested group is coarse enough."""
+        kept, format = self._kept(m, found), self.config.arithmetic
+        if not self.config.levels:
+            return kept
+        record = data.View(layout(LEVEL), Value.cast(self.headers.payload))
+        error = converted(m, "error", Convert(REACH, format, 0), record.error)
+        compare = compared(m, "compare_error", format, error, found.far_x)
+        return Mux(self.level.tests, compare.less, kept)
 
     def _kept(self, m: Module, found: data.View) -> Value:
         """High if a point within the bounds can be in front of the near plane and in the guard

@@ -54,6 +54,8 @@ class Load(wiring.Component):
             "error": Out(CODE_BITS),
             "detail": Out(DETAIL_BITS),  # detail of the error
         }
+        if config.levels:
+            ports["levels"] = Out(1)  # the model has levels of detail; stable like `model`
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -130,6 +132,12 @@ class Load(wiring.Component):
         kept = {name: (target, field(name)) for name, target in kept.items()}
         if self.config.compensates:
             kept["version"] = model.antialiased, field("version") == memory.VERSIONS[True]
+        if self.config.levels:
+            versions = [memory.VERSIONS[-1]], [self.levels]
+            if self.config.compensates:  # models with levels may have `antialiased` or not
+                versions = memory.VERSIONS[1:], [model.antialiased, self.levels]
+                kept["antialiased"] = model.antialiased, field("antialiased")
+            kept["version"] = Cat(versions[1]), Cat(field("version") == v for v in versions[0])
         parts = {"positions": self.positions, "attributes": self.attributes, "colours": colours}
         kept |= {name: (target, self._address(field(name))) for name, target in parts.items()}
         known = range(EXPONENT_MIN, EXPONENT_MAX + 1)  # of all valid headers
@@ -168,7 +176,9 @@ class Load(wiring.Component):
 
     def _known(self, version: Value) -> Value:
         """Whether this machine renders models of a version."""
-        return Cat(version == v for v in memory.VERSIONS[: 1 + self.config.compensates]).any()
+        known = memory.VERSIONS[: 1 + self.config.compensates]
+        known += memory.VERSIONS[-1:] if self.config.levels else ()
+        return Cat(version == v for v in known).any()
 
     def _places(self, field: Callable, colours: Value) -> tuple[dict, dict]:
         """Check the places of the model's parts.
@@ -179,6 +189,8 @@ class Load(wiring.Component):
         """
         per_unit, model = memory.ALIGNMENT // BEAT, self.model
         chunks = (model.gaussians + memory.CHUNK - 1) >> exact_log2(memory.CHUNK)
+        if self.config.levels:
+            chunks = chunks << self.levels
         headers = (memory.HEADER.size + chunks * memory.CHUNK_HEADER.size) // BEAT
         halves = Mux(model.small, model.gaussians, model.gaussians << 1)  # half beats of attributes
         in_unit = 2 * per_unit
@@ -209,8 +221,12 @@ class Load(wiring.Component):
         scale = field("position_exponent").as_signed()
         each = zip(exponents(field), most, strict=True)
         stepped = ~index.any() & ~self.model.small
-        return {
-            "antialiased": field("antialiased") == self.model.antialiased,
+        antialiased, levels = field("antialiased") == self.model.antialiased, {}
+        if self.config.levels:
+            levels["levels"] = field("levels") == self.levels
+            antialiased |= self.levels if self.config.compensates else 0
+        return levels | {
+            "antialiased": antialiased,
             "position": field("position") == position,
             "small": Const(1) if self.config.small_models else ~field("small"),
             "position_exponent": (scale >= -memory.EXPONENT_MAX) & (scale <= memory.EXPONENT_MAX),

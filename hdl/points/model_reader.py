@@ -31,7 +31,7 @@ BEATS_WAITING = 2 * axi.BURST_BEATS
 HEADER_BEATS = CHUNK_HEADER.size // axi.BEAT
 
 COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
-"""Width of the number of beats of all chunk headers."""
+"""Width of the number of beats of all chunk headers; one more with levels."""
 
 
 def multiple(value: Value, factor: int) -> Value:
@@ -59,19 +59,21 @@ class ModelReader(wiring.Component):
             "error": Out(CODE_BITS),  # as in `hdl.points.load.Load`
             "detail": Out(DETAIL_BITS),  # as in `hdl.points.load.Load`
             "run": In(1),  # once `loaded` is high: begin with the chunk headers
+            # with levels, a record of `spec.levels` before each one
             "headers": Out(stream_of(CHUNK_HEADER)),
             "fetch": In(stream_of(FETCH)),  # chunks whose positions are to be read
             "positions": Out(stream.Signature(axi.DATA_BITS)),  # the beats of these positions
             "wanted": In(stream_of(WANTED)),  # Gaussians whose attributes are to be read
             "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
             "given": Out(1),  # all chunk headers have been taken
+            **({"levels": Out(1)} if config.levels else {}),  # as in `hdl.points.load.Load`
             # to memory, one for each of `READING`
             "reads": Out(stream_of(axi.read_record())).array(len(READING)),
             # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
         }
         super().__init__(ports)
-        self.chunks = Signal(NUMBER_BITS + 1)
+        self.chunks = Signal(NUMBER_BITS + 1 + config.levels)  # headers and records of levels
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -85,7 +87,11 @@ class ModelReader(wiring.Component):
             self.error.eq(load.error),
             self.detail.eq(load.detail),
         ]
-        m.d.sync += self.chunks.eq((self.model.gaussians + CHUNK - 1) >> CHUNK.bit_length() - 1)
+        chunks = (self.model.gaussians + CHUNK - 1) >> CHUNK.bit_length() - 1
+        if self.config.levels:
+            chunks = chunks << load.levels
+            m.d.comb += self.levels.eq(load.levels)
+        m.d.sync += self.chunks.eq(chunks)
         self._headers(m)
         self._positions(m)
         self._attributes(m)
@@ -101,10 +107,10 @@ class ModelReader(wiring.Component):
 
     def _headers(self, m: Module):
         """Read header and codebooks first, then the chunk headers of two beats each."""
-        fetch, load = self._reader(m, "model", COUNT_BITS), self.load
+        fetch, load = self._reader(m, "model", COUNT_BITS + self.config.levels), self.load
         m.submodules.beat = beat = Slot(axi.DATA_BITS)
         connect(m, fetch.o, beat.i)
-        asks, left = Signal(), Signal(NUMBER_BITS + 1)
+        asks, left = Signal(), Signal.like(self.chunks)
         upper, low = Signal(), Signal(axi.DATA_BITS, reset_less=True)
         running = Signal()
         m.d.comb += [

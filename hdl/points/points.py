@@ -69,7 +69,8 @@ class Points(wiring.Component):
         self.place, self.project = Place(config), Project(config)
         self.config = config
         ports = {
-            "headers": In(stream_of(CHUNK_HEADER)),  # the whole model's headers for each frame
+            # the whole model's headers for each frame, with the records of its levels
+            "headers": In(stream_of(CHUNK_HEADER)),
             "fetch": Out(stream_of(FETCH)),  # chunks whose positions are to be read
             "positions": In(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these positions
             "wanted": Out(stream_of(WANTED)),  # Gaussians whose attributes are to be read
@@ -86,6 +87,8 @@ class Points(wiring.Component):
             # with a Gaussian, without one, and without one because splats were not taken
             "counters": Out(counters_layout(COUNTED)),
         }
+        if config.levels:
+            ports |= {"levels": In(1), "fault": Out(1)}  # as in `hdl.points.chunk.Chunk`
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -108,6 +111,8 @@ class Points(wiring.Component):
             connect(m, source, target)
         m.d.comb += [part.frame.eq(self.frame) for part in (chunk, cull, place, project)]
         m.d.comb += [part.model.eq(self.model) for part in (chunk, cull, project)]
+        if self.config.levels:
+            m.d.comb += [chunk.levels.eq(self.levels), self.fault.eq(chunk.fault)]
         self._chunks(m)
         self._idle(m)
         self._count(m)

@@ -99,6 +99,8 @@ class Preprocess(wiring.Component):
         for k, axis in enumerate("xyz"):
             low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]
             m.d.comb += points.frame.camera[k].eq(Cat(low, high))
+        if config.levels:
+            m.d.comb += points.levels.eq(self.model.levels)
         m.d.comb += [
             self.model.model_at.eq(frame.model[axi.BEAT_BITS :]),
             points.model.eq(self.model.model),
@@ -143,8 +145,12 @@ class Preprocess(wiring.Component):
             with m.State("CHUNKS"):
                 m.d.comb += model.run.eq(1)
                 m.next = "POINTS"
-            with m.State("POINTS"), m.If(model.given & points.idle):
-                m.next = "FINISH"
+            with m.State("POINTS"):
+                with m.If(model.given & points.idle):
+                    m.next = "FINISH"
+                if self.config.levels:
+                    with m.If(points.fault):
+                        self._fail(m, ErrorCode.LEVELS)
             with m.State("FINISH"):
                 m.d.comb += bin.finish.eq(1)
                 with m.If(bin.done):

@@ -164,7 +164,7 @@ def decode(data: bytes, name: str) -> np.ndarray:
         raise input_error(name, f"count {header.count} needs more bytes than end, {end}")
     reader = _Reader(data, begin, name)
     first = reader.rows(coded.chunk_table(header))
-    headers = np.ascontiguousarray(first[:, : CHUNK_HEADER.size])
+    headers = np.ascontiguousarray(first[:, -CHUNK_HEADER.size :])
     harmonics = CHUNK_HEADER.unpack(headers)["harmonics"]
     others = coded.tables(header, harmonics)
     beats = sum(table.count * len(table.records) for table in others if table.repeats)

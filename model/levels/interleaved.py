@@ -47,7 +47,7 @@ def interleaved(models: Sequence[PackedModel], levels: Sequence[Groups]) -> Pack
         image[start : start + len(data)] = data
 
     headers = [part(m, m.layout.chunks, CHUNK_HEADER.size, chunk_count(m.count)) for m in models]
-    rows = np.concatenate([np.concatenate(headers)[order], LEVEL.pack(codes)], axis=1)
+    rows = np.concatenate([LEVEL.pack(codes), np.concatenate(headers)[order]], axis=1)
     put(layout.chunks, layout.positions, rows)
     size = format.position_stride
     rows = np.concatenate([part(m, m.layout.positions, size, chunk_count(m.count)) for m in models])

@@ -64,7 +64,7 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
     raster = raster_cycles(config, frame)
     headers = np.count_nonzero(points.drawn) * chunk_interval(config)
     return Cycles(
-        chunk=int(max(headers, level_costs(config, points).sum())),
+        chunk=int(headers + level_costs(config, points, timing.latency).sum()),
         cull=len(points.step) * schedule(config, culling(config.depth_interval)).interval,
         place=int(np.count_nonzero(points.step)) * schedule(config, program("place")).interval,
         project=len(points.inside) * schedule(config, projection(config)).interval,

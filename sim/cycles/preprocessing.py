@@ -11,16 +11,17 @@ from numba import njit
 
 from splatcore.golden.pipeline import Frame
 from splatcore.golden.points import Points
+from splatcore.hdl.points.model_reader import BEATS_WAITING
 from splatcore.hdl.points.points import CHUNKS_WAITING
 from splatcore.hdl.points.project import SPARE
-from splatcore.spec.axi import BEAT
+from splatcore.spec.axi import BEAT, BURST_BEATS
 from splatcore.spec.config import Config
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER
 from splatcore.spec.microprogram import culling, program, projection
 from splatcore.spec.schedule import schedule
 
-LEVEL_HEADER = (CHUNK_HEADER.size + LEVEL.size) // BEAT  # cycles to read a header with its level
+LEVEL_BEATS = (CHUNK_HEADER.size + LEVEL.size) // BEAT  # of a header with its record
 SET_UP = 3  # minimum cycles per splat in binning
 
 # Cycles from registers and states, without memory latency.
@@ -38,13 +39,14 @@ def chunk_interval(config: Config) -> int:
     return (plan.length // plan.interval + 1) * plan.interval
 
 
-def level_costs(config: Config, points: Points) -> np.ndarray:
-    """Cycles [C] per chunk in choosing levels; its PE processes one group at a time, and other
-    headers pass as fast as they are read. Zeros without levels."""
-    if points.drawn.all():
-        return np.zeros(len(points.drawn), np.int64)
-    plan = schedule(config, program("level"))
-    return np.where(points.tested, plan.length, LEVEL_HEADER)
+def level_costs(config: Config, points: Points, latency: int) -> np.ndarray:
+    """Cycles [C] per chunk in choosing levels, without those of headers that are drawn: a group is
+    tested like a header, a round later, and other headers are dropped as fast as they are read:
+    a beat every other cycle, or `BEATS_WAITING` in the time that memory takes for a burst. Zeros
+    without levels. latency: memory cycles from a request to its first beat"""
+    dropped = LEVEL_BEATS * max(2, (latency + BURST_BEATS) // BEATS_WAITING)
+    test = chunk_interval(config) + schedule(config, program("chunk")).interval
+    return np.where(points.tested, test, np.where(points.drawn, 0, dropped))
 
 
 def bin_costs(frame: Frame) -> np.ndarray:
@@ -58,7 +60,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     points, plan = frame.points, schedule(config, projection(config))
     chunks = np.where(points.read, CHUNK, 0)
     chunks[np.flatnonzero(chunks)[-1:]] -= chunks.sum() - len(points.step)  # a short last chunk
-    levels = level_costs(config, points)
+    levels = level_costs(config, points, latency)
     waits = np.diff(np.cumsum(levels)[points.drawn], prepend=0)
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
     parts = Parts(
@@ -72,7 +74,8 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     end = pass_points(drawn, waits, points.step, bin_costs(frame), parts, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count
-    return int(begin + max(end, levels.sum()) + len(count) + LAST_BURST * np.count_nonzero(count))
+    end = max(end, levels.sum() + len(waits) * chunk_interval(config))
+    return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))
 
 
 class Part(NamedTuple):
@@ -96,22 +99,21 @@ def pass_points(chunks, waits, kind, costs, parts, slots, queue):
     """Trace all points through stages 0 and 1; the cycle in which the last splat is binned.
 
     chunks: [C] points that are read per drawn chunk
-    waits: [C] cycles of choosing levels from the drawn chunk before to this one
+    waits: [C] cycles of choosing levels from the drawn chunk before to this one; the same PE
     kind: [N] last step of each point: 0 culled, 1 outside the guard band, 2 projected, 3 a splat
     costs: [M] binning cycles per splat
     parts: `Parts`
     slots, queue: entries of the projection's slots and output queue
     """
     chunk, cull, place, project = parts
-    level = header = culled = placed = entered = binned = 0.0
+    header = culled = placed = entered = binned = 0.0
     through = np.zeros(CHUNKS_WAITING + 1)  # when the last chunks left culling
     cull_left, place_left = np.zeros(INSIDE), np.zeros(INSIDE)  # when points left
     released, gone = np.zeros(slots), np.zeros(queue)
     cost = 0
     point = read = front = inside = splats = 0
     for number, count in enumerate(chunks):
-        level = max(level + waits[number], header)
-        header = level + chunk.interval
+        header += waits[number] + chunk.interval
         if count == 0:
             continue
         header = max(header, through[read % len(through)])

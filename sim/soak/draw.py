@@ -96,7 +96,8 @@ def camera(rng: np.random.Generator, config: Config) -> Camera:
     focal = min(width, height, 64) * np.exp(rng.normal(0, 0.5))
     found = look_at(place, rng.normal(0, 0.3, 3), width, height, focal)
     middle = rng.choice([0.5, rng.uniform(-0.5, 1.5)])
-    return replace(found, cx=found.width * middle)
+    pixels = float(rng.choice([0, 0.25, 1, 4, 1000])) if config.levels else 0.0
+    return replace(found, cx=found.width * middle, lod_pixels=pixels)
 
 
 def timing(rng: np.random.Generator) -> Timing:

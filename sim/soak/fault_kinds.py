@@ -39,7 +39,8 @@ PAIR_KINDS = (*KINDS, "both")
 CHOSEN = ("tiny", "default", "4 rasterizers", "group 4", "2 sub-sorters")
 
 WAYS = [(kind, False) for kind in KINDS] + [(kind, True) for kind in PAIR_KINDS]
-"""(kind of fault, whether another frame is in flight)."""
+WAYS += [("levels", False), ("levels", True)]
+"""(kind of fault, whether another frame is in flight). levels: on a machine that has them."""
 
 AROUND = {"abort": range(-20, 8), "read": range(-16, 8), "write": range(-8, 4)}
 """Offsets from B's hand-over: cycle at which ABORT is sent, read beat or write burst that fails."""
@@ -72,6 +73,8 @@ def drawn(config: Config, kind: str, seed: int, pair: bool) -> Fault:
         return drawn_host(config, kind, seed, pair, below)
     if kind in ("range", "parts"):
         return drawn_place(config, kind, below)
+    if kind == "levels":
+        return drawn_level(config, below)
     if kind in ("size", "alignment", "pages", "features"):
         return drawn_register(config, kind, below)
     return drawn_header(config, kind, below)
@@ -132,6 +135,15 @@ def drawn_place(config: Config, kind: str, below: Below) -> Fault:
     else:
         beyond = {"values": {name: (1 << 32) - WORK_ALIGNMENT}}
     return Fault(ErrorCode.RANGE, number(config, name), **beyond)
+
+
+def drawn_level(config: Config, below: Below) -> Fault:
+    """A record of a level that contradicts its place."""
+    levels = job(config, B).model.levels
+    chunk = below(len(levels["jump"]))
+    choices = [{"jump": below(chunk + 1)}, {"jump": len(levels["jump"]) + 1 + below(1000)}]
+    choices += [{"last": 0}, {"error": 1}] if not levels["error"][chunk] else [{"error": 0}]
+    return Fault(ErrorCode.LEVELS, level=(chunk, choices[below(len(choices))]))
 
 
 def drawn_answer(config: Config, kind: str, seed: int, pair: bool, below: Below) -> Fault:
@@ -240,7 +252,7 @@ def lost(fault: Fault, outcome: Outcome, halves: int, pair: bool) -> set[int]:
 def fault_run(seed: int, number: int) -> dict:
     """Simulate run `number`; return its machine, kind and, in "wrong", the failed check as text."""
     (kind, pair), turn = WAYS[number % len(WAYS)], number // len(WAYS)
-    name = CHOSEN[turn % len(CHOSEN)]
+    name = "alpha" if kind == "levels" else CHOSEN[turn % len(CHOSEN)]
     config, own = MACHINES[name], (seed << 20) + turn
     wrong = ""
     try:

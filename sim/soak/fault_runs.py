@@ -14,6 +14,7 @@ import numpy as np
 
 from splatcore.golden.pipeline import Frame, render
 from splatcore.model.generate.generate import generate, generated_camera
+from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.areas import Areas, make_memory, place_areas
 from splatcore.sim.machine.execute import execute
@@ -23,7 +24,9 @@ from splatcore.sim.soak.machines import machine
 from splatcore.spec import registers
 from splatcore.spec.config import Config
 from splatcore.spec.group import group_pixels
-from splatcore.spec.memory import HEADER
+from splatcore.spec.levels import LEVEL
+from splatcore.spec.memory import CHUNK, HEADER
+from splatcore.spec.packed import PackedModel
 from splatcore.spec.registers import ErrorCode
 from splatcore.spec.work import PIXEL, stride
 
@@ -37,6 +40,7 @@ WHOLE, SPOILT = 0, 1
 """Models in memory: for A and C, for B."""
 
 GAUSSIANS = 250
+GROUPED = 8 * CHUNK  # Gaussians of a model with levels: two groups of one group
 STEP = 0.1  # shift of B's and C's camera, so that their picture differs from A's
 
 ALL = registers.INTERRUPT_READY | registers.INTERRUPT_FRAME | registers.INTERRUPT_ERROR
@@ -49,6 +53,7 @@ class Fault:
     code, detail: expected fields of ERROR; detail None: any
     values: registers of frame B
     header: fields of the header of B's model
+    level: number of a chunk of B's model, and fields of its record (`spec.levels`)
     timing: faults of memory, fields of `Timing`
     after: cycles from B's start, then the host's command and its arguments
     survives: no frame is lost
@@ -61,6 +66,7 @@ class Fault:
     detail: int | None = 0
     values: dict[str, int] | None = None
     header: dict[str, int] | None = None
+    level: tuple[int, dict[str, int]] | None = None
     timing: dict | None = None
     after: tuple | None = None
     survives: bool = False
@@ -111,7 +117,10 @@ def job(config: Config, which: int) -> Job:
     side = group_pixels(config)
     camera = generated_camera("garden", side * 5 // 4, side * 9 // 8)
     camera = replace(camera, translation=camera.translation - [STEP * which, 0, 0])
-    return Job(pack(generate("garden", GAUSSIANS), config)[0], camera)
+    if not config.levels:
+        return Job(pack(generate("garden", GAUSSIANS), config)[0], camera)
+    model, _ = pack(generate("garden", GROUPED), config)
+    return Job(with_levels(model, config)[0], replace(camera, lod_pixels=1.0))
 
 
 @cache
@@ -201,7 +210,7 @@ def run_fault(config: Config, fault: Fault, seed: int, pair: bool) -> Outcome:
     script.cycles(rest)
     script.save(areas.images[A], size, "good")
     files = "image0", "image1", "good"
-    report, images = _execute(config, script, timing, fault.header or {}, files)
+    report, images = _execute(config, script, timing, fault, files)
     assert report.done, report.why
     *images, good = (_picture(config, image) for image in images)
     found = {name: report.answers[number].value for name, number in asked.items()}
@@ -212,7 +221,7 @@ def _execute(
     config: Config,
     script: Script,
     timing: Timing,
-    header: dict[str, int] | None = None,
+    fault: Fault | None = None,
     files: tuple[str, ...] = (),
 ) -> tuple[Report, list[np.ndarray]]:
     """Run a script; return its report and the bytes of the files that it writes."""
@@ -220,7 +229,8 @@ def _execute(
     with TemporaryDirectory(prefix="splatcore") as name:
         folder = Path(name)
         make_memory(folder, areas, [job(config, B).model] * 2)
-        _spoil(folder, areas, header or {})
+        if fault:
+            _spoil(folder, areas, fault, job(config, B).model)
         program = machine(config).program
         report = execute(program, folder, script, areas, timing, idle_max=IDLE_MAX)
         found = [folder / file for file in files]
@@ -234,12 +244,15 @@ def _picture(config: Config, data: np.ndarray) -> np.ndarray:
     return rows[:, : camera.width * PIXEL].reshape(camera.height, camera.width, PIXEL)
 
 
-def _spoil(folder: Path, areas: Areas, fields: dict[str, int]):
-    """Overwrite fields in the header of B's model."""
+def _spoil(folder: Path, areas: Areas, fault: Fault, model: PackedModel):
+    """Overwrite fields in the header of B's model, or in a record of its levels."""
     memory = np.memmap(folder / "memory", np.uint8, "r+")
-    header = memory[areas.region(f"model{SPOILT}").at :][: HEADER.size]
-    codes = HEADER.unpack(header.reshape(1, -1))
-    for name, value in fields.items():
-        codes[name] = np.full_like(codes[name], value, np.uint64)
-    header[:] = HEADER.pack(codes)[0]
+    chunk, level = fault.level or (0, {})
+    place = model.layout.chunks + chunk * model.format.header_stride
+    for record, at, fields in ((HEADER, 0, fault.header or {}), (LEVEL, place, level)):
+        row = memory[areas.region(f"model{SPOILT}").at + at :][: record.size]
+        codes = record.unpack(row.reshape(1, -1))
+        for name, value in fields.items():
+            codes[name] = np.full_like(codes[name], value, np.uint64)
+        row[:] = record.pack(codes)[0]
     memory.flush()

@@ -12,6 +12,7 @@ import numpy as np
 from splatcore.golden.pipeline import render
 from splatcore.model.formats.camera_file import cameras_json
 from splatcore.model.formats.ply import write_ply
+from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack, qualities_of
 from splatcore.sim.machine.counted import counted
 from splatcore.sim.machine.machine import Job, Run
@@ -19,12 +20,13 @@ from splatcore.sim.machine.script import Timing
 from splatcore.sim.soak import draw
 from splatcore.sim.soak.machines import MACHINES, machine
 from splatcore.spec.config import Config
-from splatcore.spec.scene import Scene
+from splatcore.spec.scene import Scene, joined
 
 FRAMES = 8
 """Frames per run."""
 
 MODELS_MAX = 2
+GROUPED = 30  # drawn scenes in one, so that it has several groups of chunks, with levels
 CYCLES_MAX = 20_000_000  # of a run, after which it counts as hung
 
 
@@ -54,13 +56,16 @@ def drawn(seed: int, number: int) -> Drawn:
     name = list(MACHINES)[number % len(MACHINES)]
     config = MACHINES[name]
     count = 1 + int(rng.integers(MODELS_MAX))
-    scenes = [draw.scene(rng) for _ in range(count)]
+    parts = GROUPED if config.levels else 1
+    scenes = [joined([draw.scene(rng) for _ in range(parts)]) for _ in range(count)]
     known = qualities_of(config)
     qualities = [str(rng.choice(known)) for _ in scenes]
     models = [
         pack(scene, config, quality=quality)[0]
         for scene, quality in zip(scenes, qualities, strict=True)
     ]
+    if config.levels:
+        models = [with_levels(m, config)[0] if rng.integers(4) else m for m in models]
     used = [int(k) for k in rng.integers(count, size=FRAMES)]
     codes = 1 << config.colour_fraction
     jobs = [

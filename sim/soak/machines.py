@@ -43,9 +43,9 @@ MACHINES: dict[str, Config] = {
         "no early end": replace(TINY, early_termination=False, faint=()),
         "near plane only": replace(TINY, culling="near", tile_test="3sigma"),
         "degree 1": replace(TINY, sh_degree=1, faint=(), port=256, pe_arrays=2),
-        "alpha": replace(TINY, rgba=True),
         "2 rasterizers in quads": replace(TINY, lanes="quads"),
         "16 rasterizers in quads": small(DEFAULT, rasterizers=16, pes=9, rgba=True),
+        "alpha": replace(TINY, rgba=True, levels=True),
     }.items()
 }
 """Name → machine."""

@@ -38,8 +38,8 @@ def camera(seed: int, width: int = 64, height: int = 48) -> Camera:
     random = np.random.default_rng(seed)
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     focal, centre = random.uniform(40, 2000, 2), random.uniform(10, 60, 2)
-    near = random.choice([0.2, 0.01, 3e-5, 1.7])
-    return Camera(width, height, *focal, *centre, rotation, random.normal(0, 30, 3), "", near)
+    near, place = random.choice([0.2, 0.01, 3e-5, 1.7]), random.normal(0, 30, 3)
+    return Camera(width, height, *focal, *centre, rotation, place, "", near, 0.7 * seed)
 
 
 class Run(NamedTuple):
@@ -78,7 +78,7 @@ def driven(
     given |= {"finished": 0, "frame_points": 2, "frame_tiles": 3, "need": 0, "error": 0} | machine
     host = HOST.render(
         model=", ".join(map(str, HEADER.pack(codes)[0])),
-        camera=camera_fields(view or camera(0)),
+        camera=camera_fields(view or camera(0), config.levels),
         memory=", ".join(map(hex, places(config).values())),
         machine=", ".join([*map(str, given.values()), *"000000000"]),
         first=registers.FRAME_START,

@@ -116,7 +116,7 @@ def test_no_pixels_is_the_finest_level(models):
         assert np.array_equal(frames[0].pixels, frames[1].pixels)
         assert frames[0].counts == frames[1].counts
         one, other = (frame_cycles(LEVELS, frame) for frame in frames)
-        assert replace(one, preprocessing=other.preprocessing) == other
+        assert replace(one, chunk=other.chunk, preprocessing=other.preprocessing) == other
         assert one.preprocessing <= other.preprocessing < 1.2 * one.preprocessing
         assert frame_cycles(DEFAULT, pipeline.render(DEFAULT, plain, camera)) == one
 
@@ -135,12 +135,15 @@ def test_coarser_levels_cost_less(models):
 
 
 def test_cycles_of_levels(models):
-    """One group at a time is tested; other headers pass at four cycles each."""
+    """A group is tested like a header; others that are not drawn wait for memory."""
     found = [project_points(LEVELS, each, replace(FAR, lod_pixels=1.0), False) for each in models]
-    assert not level_costs(LEVELS, found[0]).any()
-    costs, tested = level_costs(LEVELS, found[1]), found[1].tested
-    assert (costs[tested] == schedule(LEVELS, program("level")).length).all() and tested.any()
-    assert (costs[~tested] == 4).all()
+    assert not level_costs(LEVELS, found[0], 80).any()
+    tested = found[1].tested
+    plan, drawn = schedule(LEVELS, program("chunk")), found[1].drawn
+    for latency, dropped in ((4, 8), (80, 12)):
+        costs = level_costs(LEVELS, found[1], latency)
+        assert (costs[tested] == 3 * plan.interval).all() and tested.any()
+        assert (costs[~tested] == np.where(drawn[~tested], 0, dropped)).all()
 
 
 def test_budget(models):
@@ -155,8 +158,5 @@ def test_budget(models):
 
 def test_machines_without_levels(models):
     refused("has levels of detail, preset DEFAULT", pipeline.render, DEFAULT, models[1], CAMERA)
-    from splatcore.hdl.top import Top
-
-    refused("preset LEVELS: levels are not built", Top, LEVELS)
     assert "lod" in constants(LEVELS) and "lod" in variable_constants(LEVELS)
     assert "lod" not in constants(DEFAULT) and "lod" not in variable_constants(DEFAULT)

@@ -11,11 +11,11 @@ from splatcore.spec.config import PAPER, Config
 from splatcore.spec.convention import SH_DEGREE_MAX
 from splatcore.spec.error import InputError
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.record import Codes
 from splatcore.spec.registers import ErrorCode, frame_registers
 from splatcore.spec.renderable import check_renderable
 from tb.helpers.colour_rows import random_model
 from tb.helpers.configs import PORTS
+from tb.helpers.model_errors import error_in
 from tb.helpers.model_memory import Image, check_reading, fetch_ranges
 from tb.helpers.point_rows import counts
 from tb.helpers.runs import marked
@@ -26,7 +26,7 @@ MACHINES = {
     "128 bits": NARROW,
     "256 bits": WIDE,
     "degree 1": replace(NARROW, sh_degree=1),
-    "degree 0": replace(NARROW, sh_degree=0),
+    "degree 0": replace(NARROW, sh_degree=0, levels=True),
     "PAPER": PAPER,
 }
 PAGE = axi.BOUNDARY // axi.BEAT
@@ -55,56 +55,6 @@ def spoiled(model: PackedModel, **fields) -> np.ndarray:
     return image
 
 
-def error_in(config: Config, header: Codes, base: int = 0) -> ErrorCode:
-    """Return the error in the header of a model at beat `base`, by plain integers."""
-
-    def signed(codes) -> list[int]:
-        return [(int(code) ^ 1 << 15) - (1 << 15) for code in np.atleast_1d(codes)]
-
-    degree = int(header["sh_degree"])
-    if header["magic"] != memory.MAGIC:
-        return ErrorCode.MAGIC
-    if header["version"] not in ((3, 4) if config.compensates else (3,)):
-        return ErrorCode.VERSION
-    if degree > config.sh_degree:
-        return ErrorCode.DEGREE
-    index = {name: [int(b) for b in header[name]] for name in ("colour_index", "sh_index")}
-    codebooks = any(index["colour_index"])
-    least, most = -15, [4, -3 if codebooks else 4, 4, 4]
-    fits = header["position"] == (config.position == "absolute")
-    fits &= header["small"] <= config.small_models
-    fits &= header["antialiased"] == (header["version"] == 4)
-    fits &= -255 <= signed(header["position_exponent"])[0] <= 255
-    fits &= all(least <= e <= m for e, m in zip(signed(header["exponent"]), most, strict=True))
-    if codebooks and degree <= 1:
-        bits = {"colour_index": config.colour_index, "sh_index": config.sh_index}
-        for name, of in bits.items():
-            fits &= index[name] == [*of[degree], *[0] * (4 - len(of[degree]))]
-    else:
-        fits &= not codebooks and not any(index["sh_index"]) and config.colours == "beside"
-        fits &= not header["small"]
-    return misplaced(config, header, base) if fits else ErrorCode.FORMAT
-
-
-def misplaced(config: Config, header: Codes, base: int) -> ErrorCode:
-    """Return the error in the addresses of a model's parts, by plain integers."""
-    bytes_ = {name: 64 * int(header[name].reshape(-1)[0]) for name in memory.PLACED}
-    count, codebooks = int(header["count"].reshape(-1)[0]), header["colour_index"].any()
-    entries = [0, 0]
-    for k, part in enumerate(("colour_index", "sh_index")):
-        entries[k] = sum(1 << int(bits) for bits in header[part].reshape(-1) if bits)
-    ordered = 64 + -(-count // 256) * 32 <= bytes_["positions"] <= bytes_["attributes"]
-    in_a_unit = 8 if header["small"] else 4
-    ordered &= bytes_["attributes"] + -(-count // in_a_unit) * 64 <= bytes_["colours"]
-    if not ordered:
-        return ErrorCode.PARTS
-    if bytes_["colours"] >= 1 << 32:
-        return ErrorCode.RANGE
-    if bytes_["colours"] + codebooks * (entries[0] * 8 + entries[1] * 16) > bytes_["end"]:
-        return ErrorCode.PARTS
-    return ErrorCode.NONE if base * 16 + bytes_["end"] <= 1 << 32 else ErrorCode.RANGE
-
-
 def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
     """Check that the machine accepts a header and outputs its fields, or reports its error."""
     at = Image(image, 4 * seed)
@@ -121,17 +71,23 @@ def check_header(config: Config, image: np.ndarray, seed: int = 0) -> ErrorCode:
         fields |= {"codebooks": int(at.header["colour_index"].any())}
         fields |= {"exponent": at.header["exponent"].tolist()}
         assert ports["model"] == ModelState.const(fields).as_bits()
-        assert ports["given"]
+        assert ports["given"] and ports.get("levels", 0) == (at.header["version"] == 5)
     return error
 
 
 ENDS = (-32768, -256, -255, -16, -15, -4, -3, -2, 0, 4, 5, 255, 256, 32767)
 """Exponents at the limits of valid values, and next to them."""
 
+BITS = tuple(np.ndindex(2, 2))
+
 EDITS = [
     *({"magic": memory.MAGIC ^ 1 << bit} for bit in (0, 31)),
     *({"version": version} for version in (0, 2, 4, 5, 0x103, 0xFFFF)),
-    *({"version": version, "antialiased": 1} for version in (3, 4)),
+    *(
+        {"version": v, "antialiased": a, "levels": n}
+        for v in (3, 4, 5)
+        for a, n in np.ndindex(2, 2)
+    ),
     *({"sh_degree": degree} for degree in (*range(6), 128, 255)),
     *({"position": position} for position in (0, 1, 2, 64, 127)),
     *({"small": 1, "count": count} for count in (2, 1000)),
@@ -147,7 +103,7 @@ EDITS = [
 ]
 """Changes of header fields, some of them valid."""
 
-OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic"}
+OF_DEGREE = {"sh_degree", "colour_index", "sh_index", "version", "magic", "count"}
 """Fields to try on machines of lower degrees, which treat all other fields like `NARROW`."""
 
 
@@ -158,6 +114,7 @@ def test_headers(name):
     formats += [memory.model_format(PAPER if config is NARROW else NARROW, 1)]
     formats += [memory.model_format(config, max(memory.compact_degrees(config)), small=True)]
     formats += [memory.step_format(config, degree) for degree in (0, 3)]
+    formats += [replace(memory.step_format(config, 0), levels=True)] * config.levels
     edits = [edit for edit in EDITS if config in (NARROW, PAPER) or OF_DEGREE & edit.keys()]
     headers = [(model(format), edit) for format in formats for edit in ({}, *edits)]
     seen = [check_header(config, spoiled(m, **e), k) for k, (m, e) in enumerate(headers)]
@@ -240,6 +197,7 @@ FORMATS = {
     "compact, degree 0": (NARROW, memory.model_format(NARROW, 0)),
     "small": (NARROW, memory.model_format(NARROW, 1, small=True)),
     "no harmonics": (MACHINES["degree 0"], memory.step_format(NARROW, 0)),
+    "levels": (MACHINES["degree 0"], replace(memory.step_format(NARROW, 0), levels=True)),
     "paper": (PAPER, memory.model_format(PAPER, 1)),
     "steps, 256 bits": (WIDE, memory.step_format(WIDE, 3)),
     "compact, 256 bits": (WIDE, memory.model_format(WIDE, 1)),

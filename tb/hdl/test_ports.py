@@ -34,6 +34,7 @@ from splatcore import hdl
 from splatcore.hdl.binning import list_writer
 from splatcore.hdl.lib import stream as streams
 from splatcore.hdl.memory import axi, fetch
+from splatcore.hdl.points import level
 from splatcore.hdl.raster import quads, raster, rasterizer, shared
 from splatcore.hdl.sorting import cascade, sorter
 from splatcore.spec.config import TINY
@@ -46,6 +47,7 @@ INTERNAL = {
     axi.Axi: lambda: axi.Axi(TINY),
     cascade.Pair: lambda: cascade.Pair(TINY, 4),
     fetch.Fetch: lambda: fetch.Fetch(TINY, 16, 8),
+    level.Level: level.Level,
     list_writer.ListWriter: lambda: list_writer.ListWriter(TINY),
     quads.Quad: lambda: quads.Quad(IN_QUADS),
     raster.Raster: lambda: raster.Raster(TINY),

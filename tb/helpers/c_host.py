@@ -57,9 +57,10 @@ def constants(numbers: Iterable[float]) -> str:
     return ", ".join(float(number).hex() for number in numbers)
 
 
-def camera_fields(view: Camera) -> str:
-    """Initial values of a `splatcore_camera`."""
+def camera_fields(view: Camera, levels: bool = False) -> str:
+    """Initial values of a `splatcore_camera`. levels: the machine has levels of detail"""
     rows = [f"{{{constants(row)}}}" for row in view.rotation]
     focal = constants([view.fx, view.fy, view.cx, view.cy])
-    place = f"{{{', '.join(rows)}}}, {{{constants(view.translation)}}}, {constants([view.near])}"
+    last = constants([view.near, *[view.lod_pixels] * levels])
+    place = f"{{{', '.join(rows)}}}, {{{constants(view.translation)}}}, {last}"
     return f"{view.width}, {view.height}, {focal}, {place}"

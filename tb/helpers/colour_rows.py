@@ -10,6 +10,7 @@ from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import Config
 from splatcore.spec.depth import low_format
 from splatcore.spec.frame import frame_constants
+from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import (
     CHUNK,
     CHUNK_HEADER,
@@ -72,15 +73,21 @@ def random_model(
     fields = _zeros(CHUNK_HEADER, len(layouts))
     fields["harmonics"] = layouts.astype(np.uint64)
     fields["step"] = rng.integers(0, 16, fields["step"].shape, np.uint64)
-    image[layout.chunks : layout.chunks + len(layouts) * CHUNK_HEADER.size] = CHUNK_HEADER.pack(
-        fields
-    ).reshape(-1)
+    rows = CHUNK_HEADER.pack(fields)
+    if format.levels:  # all chunks are finest ones
+        each = np.array([layout.beats for layout in LAYOUTS])[layouts] + 1
+        number = np.arange(1, len(layouts) + 1)
+        ends = {"last": number**0, "jump": number, "beats": np.cumsum(each)}
+        ends = {name: codes.astype(np.uint64) for name, codes in ends.items()}
+        rows = np.hstack([LEVEL.pack(_zeros(LEVEL, len(layouts)) | ends), rows])
+    image[layout.chunks : layout.chunks + rows.size] = rows.reshape(-1)
     fields = _zeros(HEADER, 1)
     fields |= {
         name: np.array([value], np.uint64)
         for name, value in {
             "magic": MAGIC,
-            "version": VERSIONS[antialiased],
+            "version": VERSIONS[-1 if format.levels else antialiased],
+            "levels": format.levels,
             "antialiased": antialiased,
             "sh_degree": format.sh_degree,
             "position": POSITION_FORMATS.index(format.position),

@@ -126,7 +126,8 @@ def model_ranges(config: Config, image: Image) -> dict[str, Ranges]:
         words = -(-format.codebook_bytes // memory.ALIGNMENT) * unit
         found["codebooks"] = [(image.base + int(header["colours"]) * unit, words)]
     begin = image.base + memory.HEADER.size // axi.BEAT
-    found["chunks"] = [(begin, chunks * memory.CHUNK_HEADER.size // axi.BEAT)] * (chunks > 0)
+    stride = memory.CHUNK_HEADER.size << (header["version"] == memory.VERSIONS[-1])
+    found["chunks"] = [(begin, chunks * stride // axi.BEAT)] * (chunks > 0)
     return found
 
 

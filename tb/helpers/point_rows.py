@@ -12,7 +12,7 @@ from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.frame import CAMERA, FrameConstants
-from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_count
+from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_sizes
 from splatcore.spec.number import Bits
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.point import EXPONENT, FETCH, WANTED, chunk_record, point_record, splat_record
@@ -41,9 +41,9 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
     """Compute the rows of every stream by the golden model."""
     points = project_points(config, model, camera)
     kept = np.flatnonzero(points.read).astype(np.uint64)
+    headers = model.image[model.layout.chunks :][: len(points.read) * model.format.header_stride]
     streams = {
-        "headers": model.image[model.layout.chunks :][: len(points.read) * CHUNK_HEADER.size]
-        .reshape(-1, CHUNK_HEADER.size),
+        "headers": headers.reshape(-1, CHUNK_HEADER.size),
         "chunks": chunk_rows(config, model, points),
         "fetch": FETCH.pack({"number": kept, "count": counts(model)[kept].astype(np.uint64)}),
         "positions": position_rows(model, points),
@@ -59,8 +59,7 @@ def point_rows(config: Config, model: PackedModel, camera: Camera) -> PointRows:
 
 def counts(model: PackedModel) -> np.ndarray:
     """Number of Gaussians in each chunk."""
-    starts = np.arange(chunk_count(len(model))) * CHUNK
-    return np.minimum(len(model) - starts, CHUNK)
+    return chunk_sizes(model.count)
 
 
 def values(record: Record, source: dict[str, np.ndarray], index: np.ndarray) -> dict:
@@ -86,7 +85,7 @@ def chunk_rows(config: Config, model: PackedModel, points: Points) -> np.ndarray
     """Rows of the chunks that are kept."""
     record, kept = chunk_record(config), np.flatnonzero(points.read)
     headers = model.chunks
-    first = kept * CHUNK if model.format.small else model.beats[kept * CHUNK]
+    first = kept * CHUNK if model.format.small else model.first_beats(kept * CHUNK)
     known = {"number": kept, "count": counts(model)[kept], "attributes": first}
     known |= {name: headers[name][kept] for name in ("octant_end", "shift", "harmonics", "step")}
     known = {name: codes.astype(np.uint64) for name, codes in known.items()}
@@ -185,11 +184,12 @@ def registers(config: Config, frame: FrameConstants, model: PackedModel) -> dict
         "constants": {name: int(format.encode(frame.constants[name])) for name in names},
     })  # fmt: skip
     of_model = ModelState.const({
-        "gaussians": len(model),
+        "gaussians": model.count,
         "position_exponent": int(EXPONENT.encode(float(model.value("position_exponent")))),
         "sh": int(model.format.sh_degree > 0),
         "codebooks": int(model.format.codebooks),
         "small": int(model.format.small),
         "exponent": exponents(model),
     })  # fmt: skip
-    return {"frame": of_frame.as_bits(), "model": of_model.as_bits()}
+    of_levels = {"levels": int(model.format.levels)}
+    return {"frame": of_frame.as_bits(), "model": of_model.as_bits()} | of_levels

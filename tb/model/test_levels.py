@@ -13,7 +13,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import DEFAULT, PAPER
 from splatcore.spec.levels import LEVEL, groups, heights
-from splatcore.spec.memory import CHUNK, CHUNK_HEADER, chunk_count
+from splatcore.spec.memory import CHUNK, chunk_count
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.scene import Scene
 from tb.helpers.clouds import cloud
@@ -123,7 +123,7 @@ def test_floaters_and_padding():
 def damaged(model: PackedModel, chunk: int, field: str, value: int):
     """The model with another code in a field of a chunk's record."""
     image = model.image.copy()
-    place = model.layout.chunks + chunk * model.format.header_stride + CHUNK_HEADER.size
+    place = model.layout.chunks + chunk * model.format.header_stride
     row = image[place : place + LEVEL.size].reshape(1, -1)
     codes = LEVEL.unpack(row)
     codes[field] = np.full_like(codes[field], value)

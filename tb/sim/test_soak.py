@@ -31,6 +31,7 @@ def test_machines_are_of_all_kinds():
         "sub_sorters": {1, 2, 4},
         "port": {128, 256},
         "rgba": {False, True},
+        "levels": {False, True},
     }.items():
         assert {getattr(config, name) for config in MACHINES.values()} >= values, name
     assert max(config.width_max for config in MACHINES.values()) == 4096
@@ -54,7 +55,7 @@ def test_runs_are_right():
         found = frame_runs.frame_run(SEED, number)
         assert found["machine"] == "tiny" and not found["wrong"]
         assert found["frames"] == frame_runs.FRAMES and found["cycles"] > 0
-    assert not any(fault_kinds.fault_run(SEED, number)["wrong"] for number in range(0, 39, 5))
+    assert not any(fault_kinds.fault_run(SEED, number)["wrong"] for number in range(0, 41, 5))
 
 
 class Wrong:
@@ -122,4 +123,4 @@ def test_a_wrong_outcome_of_a_fault_is_found(monkeypatch):
 
     monkeypatch.setattr(fault_kinds, "run_fault", other)
     assert fault_kinds.fault_run(SEED, 0)["wrong"]
-    assert len(fault_kinds.WAYS) == len(fault_kinds.KINDS) + len(fault_kinds.PAIR_KINDS) == 39
+    assert len(fault_kinds.WAYS) == len(fault_kinds.KINDS) + len(fault_kinds.PAIR_KINDS) + 2 == 41

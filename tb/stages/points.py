@@ -19,7 +19,7 @@ from splatcore.model.pack.pack import pack
 from splatcore.sim.machine.counted import point_counts
 from splatcore.sim.rtl.streams import Result
 from splatcore.spec.colour import LAYOUTS
-from splatcore.spec.config import TINY
+from splatcore.spec.config import TINY, Config
 from splatcore.spec.convention import NEAR_PLANE
 from splatcore.spec.memory import chunk_count
 from splatcore.spec.microprogram import program
@@ -31,6 +31,8 @@ from splatcore.spec.point import (
     projecting_record,
 )
 from splatcore.spec.scene import Scene
+from tb.helpers.configs import ALPHA
+from tb.helpers.level_models import STRAIGHT, clouds, ties
 from tb.helpers.point_rows import PointRows, care_of, point_rows
 from tb.helpers.point_rows import values as codes
 from tb.helpers.runs import Case, compiled, counters
@@ -106,8 +108,18 @@ def with_harmonics(scene: Scene, rng: np.random.Generator) -> Scene:
     return replace(scene, sh=sh)
 
 
+def level_case(kind: str) -> Case:
+    """The chunk unit on a model with levels: from afar, or with errors equal to the limit."""
+    model, camera = clouds(ALPHA, 9)[1], replace(GARDEN, lod_pixels=0.25)
+    if kind == "tie":
+        model, camera = ties(model), STRAIGHT
+    elif kind == "far":
+        camera = replace(camera, translation=np.add(camera.translation, [0, 0, 10]))
+    return point_case("chunk", point_rows(ALPHA, model, camera))
+
+
 @cache
-def frame(kind: str, count: int) -> PointRows:
+def frame(kind: str, count: int, config: Config = TINY) -> PointRows:
     """A frame of about `count` Gaussians with harmonics of all layouts, or a frame of a few.
 
     kind: one of `KINDS`; with "empty" a chunk is read and all its points are culled; or "behind":
@@ -124,7 +136,7 @@ def frame(kind: str, count: int) -> PointRows:
         camera = replace(GARDEN, translation=GARDEN.translation * HUGE)
     mixed = rng.integers(0, len(LAYOUTS), chunk_count(len(scene)))
     quality = mixed if kind == "full" else "compact"
-    return point_rows(TINY, pack(scene, TINY, quality=quality)[0], camera)
+    return point_rows(config, pack(scene, config, quality=quality)[0], camera)
 
 
 def on_the_near_plane(scene: Scene, beyond: int) -> Scene:

@@ -25,11 +25,12 @@ from splatcore.study.bench.sort_parts import SortStage
 from tb.helpers.bin_frames import BinFrames, Frame, bin_case, bin_frame
 from tb.helpers.bin_splats import KINDS as SPLATS
 from tb.helpers.bin_splats import splats, together
+from tb.helpers.configs import ALPHA
 from tb.helpers.parts import Handshake
 from tb.helpers.runs import Case
 from tb.stages.frames import MemoryCase, frame_cases
 from tb.stages.on_bus import OnBus
-from tb.stages.points import PARTS, at_the_bounds, frame, point_case
+from tb.stages.points import PARTS, at_the_bounds, frame, level_case, point_case
 from tb.stages.primitives import Primitives, items
 from tb.stages.raster import Lists, by_kind
 from tb.stages.raster_steps import Pairs, exactly_reached
@@ -55,15 +56,20 @@ class Stage:
 
 def of_points(name: str, gaussians: int, **missing: str) -> Stage:
     """A stage that works on points, of frames of so many Gaussians."""
+    config = ALPHA if name == "chunk" else TINY
 
     def cases() -> dict[str, Case]:
         frames = {kind: kind for kind in KINDS if kind not in missing}
         if name == "chunk":
+            del frames["tie"]
             frames["empty"] = "behind"
-        found = {kind: point_case(name, frame(of, gaussians)) for kind, of in frames.items()}
+        found = {
+            kind: point_case(name, frame(of, gaussians, config)) for kind, of in frames.items()
+        }
+        found |= {kind: level_case(kind) for kind in ("tie", "far")} if name == "chunk" else {}
         return found | ({"tie": at_the_bounds(gaussians)} if name == "place" else {})
 
-    return Stage(partial(PARTS[name], TINY), cases, missing)
+    return Stage(partial(PARTS[name], config), cases, missing)
 
 
 def of_lists(component: Callable, splats: int, case: Callable[[Lists], Case], **missing) -> Stage:
@@ -142,7 +148,7 @@ STAGES: dict[str, Stage] = {
         Primitives, lambda: {"empty": items(0), "full": items()},
         {"tie": "no part looks at payloads", "saturated": "no part looks at payloads"},
     ),
-    "chunk": of_points("chunk", 2500, tie="bounds are rounded outward, so none is on the plane"),
+    "chunk": of_points("chunk", 2500),
     "cull": of_points("cull", 300),  # a full chunk and a part of one
     "place": of_points("place", 300),
     "project": of_points("project", 200, tie=NOT_COMPARED),

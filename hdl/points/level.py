@@ -1,0 +1,74 @@
+"""Choice of levels of detail: which chunk headers go on to be drawn (`spec.levels`)."""
+
+from amaranth.hdl import Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from splatcore.hdl.lib.record import layout, stream_of
+from splatcore.hdl.lib.stream import passes
+from splatcore.spec import point
+from splatcore.spec.levels import LEVEL
+from splatcore.spec.memory import CHUNK_HEADER
+
+
+class Level(wiring.Component):
+    """Passes on the chunk headers that a view draws, and drops the others.
+
+    In models with levels a record comes before each header. The first record of a group is passed
+    on too, to be tested. The walk takes one item after the other, whatever the records contain, so
+    no record can stop it.
+
+    Internal:
+        of_header: the item at `i` is a header
+        drawn: the header after the last record is drawn
+        again: the last record has the next one in its group
+        skips, end: headers are dropped up to and including that of this number
+
+    **Timing**: combinational; items that are not passed on take one cycle. In models without levels
+    all items are passed on.
+    """
+
+    def __init__(self):
+        ports = {
+            "levels": In(1),  # the model has levels
+            "number": In(point.NUMBER_BITS),  # of the chunk at `i`
+            "last": In(point.NUMBER_BITS),  # of the model's last chunk
+            # headers in the order of the model; records are in the same bits
+            "i": In(stream_of(CHUNK_HEADER)),
+            "o": Out(stream_of(CHUNK_HEADER)),  # headers that are drawn, and records to be tested
+            "tests": Out(1),  # a record is at `o`
+            "enough": In(1),  # its group is coarse enough; valid when the record is taken
+            "dropped": Out(1),  # a header is dropped, high for one cycle
+            "fault": Out(1),  # a record contradicts its place, high for one cycle
+        }
+        super().__init__(ports)
+        self.of_header, self.drawn, self.again = Signal(), Signal(), Signal()
+        self.skips, self.end = Signal(), Signal(point.NUMBER_BITS, reset_less=True)
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        record = data.View(layout(LEVEL), Value.cast(self.i.payload))
+        coarse, on = record.error.any(), Signal()
+        m.d.comb += [
+            self.tests.eq(self.levels & ~self.of_header & coarse & ~self.again & ~self.skips),
+            on.eq(~self.levels | self.tests | (self.of_header & self.drawn)),
+            self.o.payload.eq(self.i.payload),
+            self.o.valid.eq(self.i.valid & on),
+            self.i.ready.eq(self.o.ready | ~on),
+            self.dropped.eq(self.i.valid & self.of_header & ~on),
+        ]
+        end, drawn = Signal.like(self.end), Signal()
+        m.d.comb += end.eq(record.jump - 1)
+        m.d.comb += drawn.eq(~self.skips & (~coarse | Mux(self.again, self.drawn, self.enough)))
+        wrong = Mux(coarse, end <= self.number, (end != self.number) | self.again | ~record.last)
+        m.d.sync += self.fault.eq(0)
+        with m.If(passes(self.i) & self.levels):
+            m.d.sync += self.of_header.eq(~self.of_header)
+            with m.If(~self.of_header):
+                m.d.sync += self.fault.eq(wrong | (end > self.last))
+                m.d.sync += [self.drawn.eq(drawn), self.again.eq(coarse & ~record.last)]
+                with m.If(drawn & coarse & record.last):
+                    m.d.sync += [self.skips.eq(1), self.end.eq(end)]
+            with m.Elif(self.number == self.end):
+                m.d.sync += self.skips.eq(0)
+        return m

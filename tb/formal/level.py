@@ -1,0 +1,124 @@
+"""Properties to prove of the choice of levels, for all records and all models."""
+
+from amaranth.hdl import Assert, Assume, Cover, Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, connect, flipped
+
+from splatcore.hdl.lib.record import layout
+from splatcore.hdl.lib.stream import passes
+from splatcore.hdl.points.level import Level
+from splatcore.spec.levels import LEVEL
+from splatcore.spec.point import NUMBER_BITS
+from tb.formal.axi_rules import constant
+from tb.formal.proof import Part, Proof
+from tb.planted.fault import planted_in
+
+
+class Walk(wiring.Component):
+    """The choice of levels, with the counter of headers of `hdl.points.chunk` around it.
+
+    Asserts, for any records:
+    - no item waits except for what takes it: a walk ends after as many items as the model has;
+    - each header is passed on or dropped, so that each chunk's number comes once;
+    - exactly the records that contradict their place are reported.
+
+    Asserts, for records that are not reported:
+    - a header is passed on if its chunk is in no subtree of a group drawn before, and is of the
+      finest level or of a group that is coarse enough; else it is dropped;
+    - after the last header the next frame begins as the first one did.
+
+    Assumes: the model is the same during a frame, and has fewer than 2^24 chunks.
+    """
+
+    def __init__(self, valid: bool):
+        self.valid, part = valid, Level()
+        members = {name: part.signature.members[name] for name in ("i", "levels", "last", "enough")}
+        super().__init__(members | {"ready": In(1)})
+        self.part = part
+
+    def elaborate(self, platform) -> Module:
+        m = Module()
+        m.submodules.part = part = self.part
+        connect(m, flipped(self).i, part.i)
+        number, record = Signal(NUMBER_BITS), data.View(layout(LEVEL), Value.cast(self.i.payload))
+        constant(m, self.levels)
+        constant(m, self.last)
+        header = Signal()  # the item is a header
+        coarse, done = record.error.any(), passes(self.i) & (header | ~self.levels)
+        is_record = self.i.valid & self.levels & ~header
+        m.d.comb += [
+            part.number.eq(number),
+            part.levels.eq(self.levels),
+            part.last.eq(self.last),
+            part.enough.eq(self.enough),
+            part.o.ready.eq(self.ready),
+            Assume((number <= self.last) & ~self.last.all()),
+            Assert(self.i.ready | (part.o.valid & ~self.ready) | ~self.i.valid),
+            Assert(~part.o.valid | (part.o.payload.as_value() == self.i.payload.as_value())),
+            Assert(done == ((passes(part.o) & ~part.tests) | part.dropped)),
+            Assert(~(part.o.valid & part.dropped)),
+            Assert(~part.o.valid | (part.tests == is_record)),
+        ]
+        with m.If(passes(self.i) & self.levels):
+            m.d.sync += header.eq(~header)
+        with m.If(done):
+            m.d.sync += number.eq(Mux(number == self.last, 0, number + 1))
+        before = Signal()  # the record before is of the same group
+        wrong = Mux(coarse, record.jump <= number + 1, record.jump != number + 1)
+        wrong |= (record.jump > self.last + 1) | (~coarse & (before | ~record.last))
+        reported = Signal()
+        with m.If(passes(self.i) & is_record):
+            m.d.sync += before.eq(coarse & ~record.last)
+        m.d.sync += reported.eq(passes(self.i) & is_record & wrong)
+        m.d.comb += Assert(part.fault == reported)
+        m.d.comb += Assert((part.of_header == header) & (part.again == before))
+        m.d.comb += Assert(self.levels | ~(header | before | part.skips))
+        if self.valid:
+            m.d.comb += Assume(~is_record | ~wrong)
+            self._chosen(m, header, number, before)
+        return m
+
+    def _chosen(self, m: Module, header: Signal, number: Signal, before: Signal):
+        """Check the choice against the definition: by the ends of the subtrees left out."""
+        part, record = self.part, data.View(layout(LEVEL), Value.cast(self.i.payload))
+        coarse, until = record.error.any(), Signal(NUMBER_BITS + 1)
+        left_out = number < until
+        chosen = Signal()  # the last chunk is drawn, and its group if it is of one
+        decision = Mux(before, chosen, self.enough)
+        m.d.comb += [
+            Assert(~(self.i.valid & header) | (part.o.valid == chosen)),
+            Assert((part.drawn == chosen) & (self.levels | (until == 0))),
+            Assert(part.skips == left_out),
+            Assert(~left_out | ((until == part.end + 1) & (part.end <= self.last))),
+            Cover(part.dropped & (number == self.last) & (number == 4)),
+            Cover(passes(part.o) & header & left_out & record.last),
+        ]
+        with m.If(passes(self.i) & self.levels & ~header):
+            m.d.sync += chosen.eq(~left_out & (~coarse | decision))
+            with m.If(~left_out & coarse & decision & record.last):
+                m.d.sync += until.eq(record.jump)
+        with m.If(passes(self.i) & header & (number == self.last)):
+            m.d.sync += until.eq(0)
+
+
+FAULTS = planted_in(
+    Level,
+    elaborate={
+        "chunks of a subtree are drawn": ("~self.skips & (~coarse", "(~coarse"),
+        "chunks of a group decide alone": ("self.again, self.drawn,", "self.again, self.enough,"),
+        "a jump from the first of a group": ("drawn & coarse & record.last", "drawn & coarse"),
+        "a jump to the chunk before": ("record.jump - 1", "record.jump - 2"),
+        "a finer chunk at the own place": ("end <= self.number", "end < self.number"),
+        "a jump beyond the end": ("wrong | (end > self.last)", "wrong"),
+        "a dropped header waits": ("self.o.ready | ~on", "self.o.ready"),
+        "a record comes as a header": ("(self.of_header & self.drawn)", "self.drawn"),
+    },
+)
+
+REPORTED = ("a finer chunk at the own place", "a jump beyond the end")
+
+PROOF = Proof(
+    {"any": Part(lambda: Walk(False)), "valid": Part(lambda: Walk(True), cover=14)},
+    FAULTS,
+    {"": Part(lambda: Walk(True), search=8)} | dict.fromkeys(REPORTED, Part(lambda: Walk(False))),
+)

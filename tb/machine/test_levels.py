@@ -1,0 +1,39 @@
+"""Models with levels of detail on the whole machine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatcore.golden.pipeline import render
+from splatcore.sim.machine.machine import Job
+from splatcore.sim.soak.fault_kinds import check_outcome, drawn
+from splatcore.sim.soak.fault_runs import run_fault
+from tb.helpers.configs import ALPHA
+from tb.helpers.level_models import clouds
+from tb.helpers.machines import ROUGH, check, view
+
+pytestmark = pytest.mark.slow
+
+CHUNKS = 9
+
+
+@pytest.mark.parametrize("away", [0, 10])
+def test_levels_in_turn(away):
+    """A model without levels, then with them: at 0 pixels the same picture, then others."""
+    plain, model = clouds(ALPHA, CHUNKS)
+    camera = view()
+    camera = replace(camera, translation=np.add(camera.translation, [0, 0, away]))
+    jobs = [Job(plain, camera)]
+    jobs += [Job(model, replace(camera, lod_pixels=pixels)) for pixels in (0.0, 0.25, 1000.0)]
+    run = check(ALPHA, jobs, ROUGH)
+    first, same, *_, last = (frame.pixels for frame in run.frames)
+    assert np.array_equal(first, same) and (first != last).any()
+    drawn = [render(ALPHA, *job).points.drawn.sum() for job in jobs]
+    assert drawn[1] == CHUNKS > drawn[3]
+
+
+def test_a_record_in_a_wrong_order_is_reported():
+    for seed in range(2):
+        fault = drawn(ALPHA, "levels", seed, pair=True)
+        check_outcome(ALPHA, fault, run_fault(ALPHA, fault, seed, pair=True), pair=True)
