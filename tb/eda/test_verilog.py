@@ -226,6 +226,6 @@ def test_speed_costs_few_gates(name, netlist):
 
 @pytest.mark.slow
 def test_memories_fit():
-    """Memories of all parts of DEFAULT fit in the paper machine's capacity."""
+    """Memories of all parts of DEFAULT stay within its bound."""
     sizes = [size for parts in WHOLE.values() for make in parts for size in memories(make(DEFAULT))]
     assert 0 < sum(words * bits for words, bits in sizes) / 8 <= MEMORY_MAX

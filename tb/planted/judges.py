@@ -35,7 +35,7 @@ QUICK = {
     "binning/binned": "tb/hdl/test_binned.py",
     "binning/list_writer": "tb/hdl/test_proofs.py -k 'list_writer and not fault'",
     "binning/row_end": "tb/hdl/test_bin.py -k row_end",
-    "frame": "tb/hdl/test_memory.py tb/hdl/test_proofs.py -k 'slower or (proved and frame)'",
+    "frame": "tb/hdl/test_proofs.py -k 'proved and frame'",
     "lib/counters": "tb/hdl/test_lib.py -k 'counted or counters'",
     "lib/credit": "tb/hdl/test_proofs.py tb/hdl/test_stream.py "
     "-k '(credit or invariants) and not fault'",
