@@ -282,8 +282,8 @@ TINY = Config(
 )
 """Small enough to reach overflow and full states within seconds of simulation."""
 
-SMALL = Config(name="SMALL", pes=8, rasterizers=4)
-"""DEFAULT with half of the lanes and a Gaussian every 7 cycles."""
+SMALL = Config(name="SMALL", pes=7, rasterizers=4)
+"""DEFAULT with half of the lanes and a Gaussian every 8 cycles."""
 
 FPGA = Config(
     name="FPGA",
