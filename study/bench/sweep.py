@@ -84,9 +84,9 @@ def points() -> Iterator[Point]:
         yield changed("raster format", name, **changes)
     for kind, own in LANES.items():
         for count in (16, 32, 64, 128):
-            rasterizers = {"rasterizers": count // own, "lanes": kind}
-            if (rasterizers["rasterizers"], kind) != (DEFAULT.rasterizers, DEFAULT.lanes):
-                yield changed("lanes", f"{count}, {kind}", **rasterizers)
+            point = changed("lanes", f"{count}, {kind}", rasterizers=count // own, lanes=kind)
+            if point.fields:  # not DEFAULT itself
+                yield point
     for limit, below in product(LIMITS, FAINT):
         faint = DEFAULT.faint._replace(dark=limit, taken=below)
         if faint != DEFAULT.faint:
