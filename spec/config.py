@@ -84,7 +84,7 @@ class Config:
     colour_index: tuple[tuple[int, ...], ...] = ((9, 9), (7, 6))
     sh_index: tuple[tuple[int, ...], ...] = ((), (7, 7))
     small_models: bool = True  # also renders models with half a beat of attributes (`spec.small`)
-    levels: bool = False  # also renders models with levels of detail (`spec.levels`)
+    levels: bool = True  # also renders models with levels of detail (`spec.levels`)
 
     # Stages 0 and 1: cull and project.
     arithmetic: Float = FP24  # all numbers except depths
@@ -244,6 +244,7 @@ PAPER = Config(
     sh_degree=1,
     colours="array",
     small_models=False,
+    levels=False,
     position="absolute",
     colour_index=((9,), (9,)),
     sh_index=((), (8,)),

@@ -160,6 +160,10 @@ COMMANDS = {
         "bench_scale", MEASURE, "Measure time and memory of commands on scenes of many sizes.",
         "-o scale --counts 20000,40000 --degrees 1",
     ),
+    "bench levels": Entry(
+        "bench_levels", MEASURE, "Measure cycles and dB of a scene with levels of detail.",
+        "garden -o levels --quality compact",
+    ),
     "bench simulator": Entry(
         "bench_simulator", MEASURE, "Measure CPU seconds of building and of simulating in RTL.",
         "garden --size 640x360",

@@ -41,8 +41,7 @@ def pack(
         smallest except small with at least 45 dB in all cameras, or without cameras the best
     cameras: list of views in which the quality is judged
     config: the machine, or a preset's name
-    levels: add coarser levels of detail, drawn by `Camera.lod_pixels`; the machine needs `levels`,
-        as in `preset("DEFAULT", levels=True)`
+    levels: add coarser levels of detail, drawn by `Camera.lod_pixels`; not for PAPER
 
     Returns the model and a report on the losses. The model's length is its number of Gaussians,
     `image` its bytes (uint8), `bytes_per_gaussian` its size. The report has the largest errors and

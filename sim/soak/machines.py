@@ -42,10 +42,10 @@ MACHINES: dict[str, Config] = {
         "4096 columns": replace(TINY, width_max=COLUMNS, height_max=ROWS, group=4),
         "no early end": replace(TINY, early_termination=False, faint=()),
         "near plane only": replace(TINY, culling="near", tile_test="3sigma"),
-        "degree 1": replace(TINY, sh_degree=1, faint=(), port=256, pe_arrays=2),
+        "degree 1": replace(TINY, sh_degree=1, levels=False, faint=(), port=256, pe_arrays=2),
         "2 rasterizers in quads": replace(TINY, lanes="quads"),
         "16 rasterizers in quads": small(DEFAULT, rasterizers=16, pes=9, rgba=True),
-        "alpha": replace(TINY, rgba=True, levels=True),
+        "alpha": replace(TINY, rgba=True),
     }.items()
 }
 """Name → machine."""

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from splatcore.study.results import campaigns, compression, frames, machines, scale
+from splatcore.study.results import campaigns, compression, frames, levels, machines, scale
 
 VARIABLES = ("SCENES", "SIZE", "PRESET", "POINTS")
 """Variables of make on which a result may depend."""
@@ -87,6 +87,11 @@ RESULTS = {
         Result("scale", "scale/scale.json", "bench scale --out $(@D) $(size)", scale.Scale,
                pictures=("scale.png",), hours=True, title="Large scenes",
                about="Time and memory of commands by number of Gaussians, on generated scenes."),
+        Result("levels", "levels/levels.json",
+               "bench levels $(SCENE) $(addprefix --camera ,$(CAMERA)) "
+               "--out $(@D) $(size) $(preset)",
+               levels.Levels, pictures=("levels.png",), hours=True, title="Levels of detail",
+               about="Cycles and error of views by `--lod-pixels`, by the cycle model."),
     )
 }  # fmt: skip
 """By name. `fit` is not among them, as its targets are up to the user."""

@@ -17,3 +17,4 @@ $(RESULTS)/fpga.json: ; $(measure) fpga --json $@ $(preset)
 $(RESULTS)/fpga-whole.json: ; $(measure) fpga --whole --speed 8 --json $@
 $(RESULTS)/compression/compression.json: ; $(measure) bench compression $(few) --out $(@D) $(SCENES)
 $(RESULTS)/scale/scale.json: ; $(measure) bench scale --out $(@D) $(size)
+$(RESULTS)/levels/levels.json: ; $(measure) bench levels $(SCENE) $(addprefix --camera ,$(CAMERA)) --out $(@D) $(size) $(preset)

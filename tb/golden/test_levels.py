@@ -26,7 +26,6 @@ from splatcore.spec.registers import variable_constants
 from splatcore.spec.schedule import schedule
 from tb.helpers.refusal import refused
 
-LEVELS = replace(DEFAULT, name="LEVELS", levels=True)
 CAMERA = replace(generated_camera("garden").resized(160, 90), name="garden")
 FAR = replace(CAMERA.resized(80, 45), translation=np.add(CAMERA.translation, [0, 0, 40]))
 AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])
@@ -35,13 +34,13 @@ AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])
 @pytest.fixture(scope="module")
 def models() -> tuple[PackedModel, PackedModel]:
     """A garden without levels, and with them."""
-    plain, _ = pack(generate("garden", 40 * CHUNK - 30), LEVELS, quality="compact")
-    return plain, with_levels(plain, LEVELS)[0]
+    plain, _ = pack(generate("garden", 40 * CHUNK - 30), DEFAULT, quality="compact")
+    return plain, with_levels(plain, DEFAULT)[0]
 
 
 def constants_of(model: PackedModel, camera):
     exponents = model.value("position_exponent"), model.value("factor_exponent")
-    return frame_constants(LEVELS, camera, *exponents)
+    return frame_constants(DEFAULT, camera, *exponents)
 
 
 def walk(levels, enough) -> list[int]:
@@ -84,7 +83,7 @@ def test_cut(models, camera, pixels):
     most = pixels / max(camera.fx, camera.fy) * (depth - levels["radius"])
     coarse = levels["error"] > 0
     sure = np.abs(most - levels["error"]) > 2e-4 * np.abs(most)
-    drawn, tested = cut(LEVELS, constants_of(model, camera), model)
+    drawn, tested = cut(DEFAULT, constants_of(model, camera), model)
     expected = walk(levels, coarse & (levels["error"] < most))
     assert sure.all() and np.flatnonzero(drawn).tolist() == expected
     first = [start for start, *_ in groups(levels)]
@@ -104,7 +103,7 @@ def test_equal_is_refined(models):
         changed = PackedModel(model.image, "changed")
         vars(changed)["levels"] = levels
         view = replace(plain, lod_pixels=1.0)
-        drawn, _ = cut(LEVELS, constants_of(model, view), changed)
+        drawn, _ = cut(DEFAULT, constants_of(model, view), changed)
         assert drawn[0] == enough and drawn.sum() == (2 if enough else 40)
 
 
@@ -112,10 +111,10 @@ def test_no_pixels_is_the_finest_level(models):
     """At 0 pixels pictures, counts and cycles of all later stages are those without levels."""
     plain, _ = models
     for camera in (CAMERA, AMID):
-        frames = [pipeline.render(LEVELS, each, camera) for each in models]
+        frames = [pipeline.render(DEFAULT, each, camera) for each in models]
         assert np.array_equal(frames[0].pixels, frames[1].pixels)
         assert frames[0].counts == frames[1].counts
-        one, other = (frame_cycles(LEVELS, frame) for frame in frames)
+        one, other = (frame_cycles(DEFAULT, frame) for frame in frames)
         assert replace(one, chunk=other.chunk, preprocessing=other.preprocessing) == other
         assert one.preprocessing <= other.preprocessing < 1.2 * one.preprocessing
         assert frame_cycles(DEFAULT, pipeline.render(DEFAULT, plain, camera)) == one
@@ -126,22 +125,22 @@ def test_coarser_levels_cost_less(models):
     plain, model = models
     exact = render_reference(plain.gaussians(), FAR).pixels / 255
     frames = [
-        pipeline.render(LEVELS, model, replace(FAR, lod_pixels=pixels)) for pixels in (0.0, 1.0)
+        pipeline.render(DEFAULT, model, replace(FAR, lod_pixels=pixels)) for pixels in (0.0, 1.0)
     ]
     read = [frame.counts["points_read"] for frame in frames]
-    cycles = [frame_cycles(LEVELS, frame).frame for frame in frames]
+    cycles = [frame_cycles(DEFAULT, frame).frame for frame in frames]
     assert read[1] < 0.5 * read[0] and cycles[1] < 0.5 * cycles[0]
     assert psnr(frames[1].pixels / 255, exact) > 55
 
 
 def test_cycles_of_levels(models):
     """A group is tested like a header; others that are not drawn wait for memory."""
-    found = [project_points(LEVELS, each, replace(FAR, lod_pixels=1.0), False) for each in models]
-    assert not level_costs(LEVELS, found[0], 80).any()
+    found = [project_points(DEFAULT, each, replace(FAR, lod_pixels=1.0), False) for each in models]
+    assert not level_costs(DEFAULT, found[0], 80).any()
     tested = found[1].tested
-    plan, drawn = schedule(LEVELS, program("chunk")), found[1].drawn
+    plan, drawn = schedule(DEFAULT, program("chunk")), found[1].drawn
     for latency, dropped in ((4, 8), (80, 12)):
-        costs = level_costs(LEVELS, found[1], latency)
+        costs = level_costs(DEFAULT, found[1], latency)
         assert (costs[tested] == 3 * plan.interval).all() and tested.any()
         assert (costs[~tested] == np.where(drawn[~tested], 0, dropped)).all()
 
@@ -150,13 +149,13 @@ def test_budget(models):
     """The fewest pixels with which at most so many Gaussians are read."""
     model = models[1]
     for most, least in ((20_000, 0), (8_000, None), (1_000, LOD_MAX)):
-        pixels = pixels_for(LEVELS, model, FAR, most)
+        pixels = pixels_for(DEFAULT, model, FAR, most)
         views = [replace(FAR, lod_pixels=each) for each in (pixels, 0.999 * pixels)]
-        enough, more = (cut(LEVELS, constants_of(model, v), model)[0].sum() for v in views)
+        enough, more = (cut(DEFAULT, constants_of(model, v), model)[0].sum() for v in views)
         assert pixels == least or enough * CHUNK - 30 <= most < more * CHUNK - 30
 
 
 def test_machines_without_levels(models):
     refused("has levels of detail, preset DEFAULT", pipeline.render, DEFAULT, models[1], CAMERA)
-    assert "lod" in constants(LEVELS) and "lod" in variable_constants(LEVELS)
+    assert "lod" in constants(DEFAULT) and "lod" in variable_constants(DEFAULT)
     assert "lod" not in constants(DEFAULT) and "lod" not in variable_constants(DEFAULT)

@@ -25,8 +25,8 @@ NARROW, WIDE = PORTS.values()
 MACHINES = {
     "128 bits": NARROW,
     "256 bits": WIDE,
-    "degree 1": replace(NARROW, sh_degree=1),
-    "degree 0": replace(NARROW, sh_degree=0, levels=True),
+    "degree 1": replace(NARROW, sh_degree=1, levels=False),
+    "degree 0": replace(NARROW, sh_degree=0),
     "PAPER": PAPER,
 }
 PAGE = axi.BOUNDARY // axi.BEAT

@@ -17,7 +17,7 @@ def wide_addresses(config: Config) -> Config:
     return replace(config, name=f"{config.name}_WIDE", address_bits=64)
 
 
-ALPHA = replace(TINY, name="ALPHA", rgba=True, levels=True)
+ALPHA = replace(TINY, name="ALPHA", rgba=True)
 """A machine that writes alpha: its spans have 32 bytes, while those of TINY share beats. And it
 renders models with levels of detail."""
 

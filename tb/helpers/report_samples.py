@@ -11,7 +11,7 @@ from splatcore.eda.paper import ABLATION, GATES_ALL, LOGIC, MEMORY_POWER, POWER
 from splatcore.sim.frame.picture import write_png
 from splatcore.spec.config import CLOCK_HZ
 from splatcore.study.accuracy.budget import SUM, TITLES, WHOLES
-from splatcore.study.results import campaigns, compression, frames, machines, scale
+from splatcore.study.results import campaigns, compression, frames, levels, machines, scale
 from splatcore.study.results.fields import about, kind
 from splatcore.study.results.known import RESULTS
 
@@ -218,12 +218,12 @@ def everything(folder: Path):
         "hard": hard("DEFAULT", "golden"), "hard-rtl": hard("TINY", "rtl"),
         "hard-paper": hard("PAPER", "golden"), "fpga-tiny": sample(machines.Fpga, preset="TINY"),
         "fpga": sample(machines.Fpga), "fpga-whole": sample(machines.WholeFpga, preset="FPGA"),
-        "scale": sample(scale.Scale),
+        "scale": sample(scale.Scale), "levels": sample(levels.Levels),
     }  # fmt: skip
     made["fpga-whole"]["seeds"] *= 2
     for name, found in made.items():
         write(folder / RESULTS[name].file, found)
     noise = np.random.default_rng(0).integers(0, 256, (600, 800, 3), np.uint8)
-    for picture in ("hard/hard-cases.png", "scale/scale.png"):
+    for picture in ("hard/hard-cases.png", "scale/scale.png", "levels/levels.png"):
         write_png(folder / picture, noise)
     fitted(folder)

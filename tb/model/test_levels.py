@@ -20,13 +20,11 @@ from tb.helpers.clouds import cloud
 from tb.helpers.model_bits import with_checksum
 from tb.helpers.refusal import refused
 
-LEVELS = replace(DEFAULT, name="LEVELS", levels=True)
-
 
 def packed(scene: Scene, quality: str | np.ndarray = "compact") -> tuple[PackedModel, PackedModel]:
     """A model without levels, and with them."""
-    model, _ = pack(scene, LEVELS, quality=quality)
-    return model, with_levels(model, LEVELS)[0]
+    model, _ = pack(scene, DEFAULT, quality=quality)
+    return model, with_levels(model, DEFAULT)[0]
 
 
 @pytest.fixture(scope="module", params=["compact", "mixed", "small"])
@@ -170,6 +168,6 @@ def test_wrong_order(small):
 
 
 def test_refusals(small):
-    refused("has levels of detail already", with_levels, small, LEVELS)
-    refused("preset DEFAULT renders no levels", with_levels, small, DEFAULT)
+    refused("has levels of detail already", with_levels, small, DEFAULT)
+    refused("preset PAPER renders no levels", with_levels, small, PAPER)
     refused("levels True needs positions", replace, PAPER, levels=True)

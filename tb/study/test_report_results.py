@@ -141,6 +141,7 @@ COMMANDS = {
     "compression": "bench compression --part steps,curve,power --ratios 15,20,30,40,60,80 "
     "--view-size 960x540 --steps 40 --out DIR/compression SCENES",
     "scale": "bench scale --out DIR/scale SIZE",
+    "levels": "bench levels x.ply --out DIR/levels SIZE PRESET",
 }
 
 
