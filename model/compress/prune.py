@@ -85,15 +85,18 @@ def pairs(
     return np.where(heavier, one, other), np.where(heavier, other, one)
 
 
-def costs(scene: Scene, weight: np.ndarray, square: np.ndarray, near: np.ndarray) -> np.ndarray:
+def costs(
+    scene: Scene, weight: np.ndarray, square: np.ndarray, near: np.ndarray, colour: float = COLOUR
+) -> np.ndarray:
     """Costs [N, k] of merging Gaussians with neighbours.
 
     square: [N, k] squared distances of the neighbours `near` [N, k]
+    colour: weight of the colours' squared difference
     """
     size = np.maximum(area(scene.scale), np.finfo(np.float32).tiny)
-    colour = np.clip(scene.sh[:, 0] * SH_C0 + COLOUR_OFFSET, 0, 1)
+    shown = np.clip(scene.sh[:, 0] * SH_C0 + COLOUR_OFFSET, 0, 1)
     apart = square / (size[:, None] + size[near])
-    apart += COLOUR * ((colour[:, None] - colour[near]) ** 2).sum(axis=2) + ALWAYS
+    apart += colour * ((shown[:, None] - shown[near]) ** 2).sum(axis=2) + ALWAYS
     return apart * weight[:, None] * weight[near] / (weight[:, None] + weight[near])
 
 
@@ -122,11 +125,14 @@ def replaced(scene: Scene, index: np.ndarray, by: Scene) -> Scene:
     return replace(scene, **arrays)
 
 
-def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Scene:
+def merge(
+    scene: Scene, weight: np.ndarray, group: np.ndarray, count: int, fill: float = 1.0
+) -> Scene:
     """Merge each of `count` groups to one Gaussian with the group's weighted moments.
 
     weight: [N] > 0
     group: [N] group of each Gaussian
+    fill: factor of the part of the covariance that is due to distances between centres
 
     Opacity times area (of the two larger axes) is the first member's, scaled by the group's weight
     over that member's: with significance as weight, the merged Gaussian contributes as much to the
@@ -141,7 +147,7 @@ def merge(scene: Scene, weight: np.ndarray, group: np.ndarray, count: int) -> Sc
 
     position = mean(scene.position)
     factor, away = scene.gaussians().factor, scene.position - position[group]
-    spread = factor @ factor.swapaxes(1, 2) + away[:, :, None] * away[:, None]
+    spread = factor @ factor.swapaxes(1, 2) + fill * away[:, :, None] * away[:, None]
     variance, axes = np.linalg.eigh(mean(spread))
     axes[np.linalg.det(axes) < 0, :, 0] *= -1
     scale = np.sqrt(np.maximum(variance, 0))

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from splatcore.model.compress.prune import NEIGHBOURS, costs, merge, pairs, replaced
+from splatcore.model.compress.prune import NEIGHBOURS, area, costs, merge, pairs, replaced
+from splatcore.spec.convention import ALPHA_MAX
 from splatcore.spec.scene import Scene
 
 ROUND = 4  # a round merges at most one in so many Gaussians of a group
@@ -13,10 +14,17 @@ ROUND = 4  # a round merges at most one in so many Gaussians of a group
 LIGHT = 1e-12
 """Minimum weight, over the largest: moments need one, even of Gaussians of size 0."""
 
+FILL = 2.0
+"""Factor of the distances between parts in a merged Gaussian's covariance: gaps between Gaussians
+are seen more than blur (docs/notes/2026-11-levels.md)."""
+
+COLOUR = 12.0
+"""Weight of colours in the cost of a pair: more than in pruning, which merges less."""
+
 PERCENTILE = 95.0
 """The error of a group is this percentile of its Gaussians' displacements …"""
 
-SHARE = 0.25
+SHARE = 0.5
 """… times this, so that an error of a pixel is about one that can be seen: a displaced Gaussian is
 spread over its parts, and most of a picture remains (docs/notes/2026-11-levels.md)."""
 
@@ -42,8 +50,10 @@ def coarser(
         room = np.minimum(size - target, -(-size // ROUND))
         first, second = cheapest_pairs(scene, weight, group, room)
         members, pair = np.concatenate([first, second]), np.tile(np.arange(len(first)), 2)
-        one = merge(scene[members], weight[members], pair, len(first))
-        apart = ((scene.position[members] - one.position[pair]) ** 2).sum(1)
+        parts = scene[members]
+        one = merge(parts, weight[members], pair, len(first), FILL)
+        one = replace(one, opacity=opacities(parts, pair, one))
+        apart = ((parts.position - one.position[pair]) ** 2).sum(1)
         moved[first] = np.bincount(pair, weight[members] * apart + moved[members])
         weight[first] += weight[second]
         stays = np.ones(len(scene), bool)
@@ -54,6 +64,13 @@ def coarser(
     return scene, weight, SHARE * np.percentile(away, PERCENTILE, axis=1)
 
 
+def opacities(parts: Scene, group: np.ndarray, one: Scene) -> np.ndarray:
+    """Opacities [G] of merged Gaussians: −ln(1 − opacity) times area is that of their parts."""
+    depth = -np.log1p(-np.minimum(parts.opacity, ALPHA_MAX)) * area(parts.scale)
+    room = np.maximum(area(one.scale), np.finfo(np.float64).tiny)
+    return np.minimum(-np.expm1(-np.bincount(group, depth, len(one)) / room), ALPHA_MAX)
+
+
 def cheapest_pairs(
     scene: Scene, weight: np.ndarray, group: np.ndarray, room: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +78,7 @@ def cheapest_pairs(
     in each pair, the heavier Gaussian comes first."""
     start = np.searchsorted(group, np.arange(len(room) + 1))
     near, square = nearest(scene.position, start, NEIGHBOURS)
-    cost = np.where(near < 0, np.inf, costs(scene, weight, square, near))
+    cost = np.where(near < 0, np.inf, costs(scene, weight, square, near, COLOUR))
     return pairs(cost, near, weight, group, room)
 
 

@@ -33,19 +33,20 @@ LAST_BURST = 2  # cycles per list's end, in addition to its entry in the table
 BEGIN = 150  # from a frame's start to its first chunk, plus from its last entry to its end
 
 
-def chunk_interval(config: Config) -> int:
-    """Cycles per chunk header; its array processes one chunk at a time."""
+def chunk_interval(config: Config, points: Points) -> int:
+    """Cycles per chunk header; its array processes one chunk at a time. With levels, a header comes
+    behind a record, too late for the array's next round."""
     plan = schedule(config, program("chunk"))
-    return (plan.length // plan.interval + 1) * plan.interval
+    return (plan.length // plan.interval + 1 + int(points.tested.any())) * plan.interval
 
 
 def level_costs(config: Config, points: Points, latency: int) -> np.ndarray:
     """Cycles [C] per chunk in choosing levels, without those of headers that are drawn: a group is
-    tested like a header, a round later, and other headers are dropped as fast as they are read:
+    tested like a header, and other headers are dropped as fast as they are read:
     a beat every other cycle, or `BEATS_WAITING` in the time that memory takes for a burst. Zeros
     without levels. latency: memory cycles from a request to its first beat"""
     dropped = LEVEL_BEATS * max(2, (latency + BURST_BEATS) // BEATS_WAITING)
-    test = chunk_interval(config) + schedule(config, program("chunk")).interval
+    test = chunk_interval(config, points)
     return np.where(points.tested, test, np.where(points.drawn, 0, dropped))
 
 
@@ -64,7 +65,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     waits = np.diff(np.cumsum(levels)[points.drawn], prepend=0)
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
     parts = Parts(
-        Part(chunk_interval(config), HEADER + latency),
+        Part(chunk_interval(config, points), HEADER + latency),
         Part(cull.interval, cull.length),
         Part(place.interval, place.length + ATTRIBUTES + latency),
         Part(plan.interval, plan.length + SPLAT),
@@ -74,7 +75,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     end = pass_points(drawn, waits, points.step, bin_costs(frame), parts, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count
-    end = max(end, levels.sum() + len(waits) * chunk_interval(config))
+    end = max(end, levels.sum() + len(waits) * chunk_interval(config, points))
     return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))
 
 

@@ -156,6 +156,7 @@ def test_budget(models):
 
 
 def test_machines_without_levels(models):
-    refused("has levels of detail, preset DEFAULT", pipeline.render, DEFAULT, models[1], CAMERA)
+    none = replace(DEFAULT, name="NONE", levels=False)
+    refused("has levels of detail, preset NONE", pipeline.render, none, models[1], CAMERA)
     assert "lod" in constants(DEFAULT) and "lod" in variable_constants(DEFAULT)
-    assert "lod" not in constants(DEFAULT) and "lod" not in variable_constants(DEFAULT)
+    assert "lod" not in constants(none) and "lod" not in variable_constants(none)

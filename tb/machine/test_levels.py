@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from splatcore.golden.pipeline import render
+from splatcore.sim.cycles.preprocessing import preprocessing_cycles
 from splatcore.sim.machine.machine import Job
+from splatcore.sim.machine.script import IDEAL
 from splatcore.sim.soak.fault_kinds import check_outcome, drawn
 from splatcore.sim.soak.fault_runs import run_fault
 from tb.helpers.configs import ALPHA
@@ -31,6 +33,18 @@ def test_levels_in_turn(away):
     assert np.array_equal(first, same) and (first != last).any()
     drawn = [render(ALPHA, *job).points.drawn.sum() for job in jobs]
     assert drawn[1] == CHUNKS > drawn[3]
+
+
+@pytest.mark.parametrize("pixels", [0.0, 0.25])
+def test_cycles_of_a_view_of_nothing(pixels):
+    """Only headers and records are read: as many cycles as in the cycle model, within 3 %."""
+    _, model = clouds(ALPHA, 120)
+    away = replace(view(), translation=np.array([0, 0, -1000.0]), lod_pixels=pixels)
+    run = check(ALPHA, [Job(model, away)], IDEAL)
+    frame = render(ALPHA, model, away)
+    assert not frame.counts["points_read"]
+    found = preprocessing_cycles(ALPHA, frame, IDEAL.latency)
+    assert found == pytest.approx(run.preprocessing_cycles[0], rel=0.03)
 
 
 def test_a_record_in_a_wrong_order_is_reported():
