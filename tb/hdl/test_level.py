@@ -49,7 +49,8 @@ def test_cuts(camera):
 
 def test_models_without_levels_take_no_cycle_more():
     plain, _ = clouds(ALPHA, CHUNKS)
-    cycles = [check("chunk", point_rows(config, plain, AMID), 0).cycles for config in (ALPHA, TINY)]
+    machines = TINY, replace(TINY, name="NONE", levels=False)
+    cycles = [check("chunk", point_rows(config, plain, AMID), 0).cycles for config in machines]
     assert cycles[0] == cycles[1]
 
 
@@ -123,9 +124,19 @@ OTHER = ({"culling": "none"}, {"culling": "near", "depth_interval": True}, {"col
 @pytest.mark.parametrize("changes", OTHER, ids=str)
 def test_other_machines(changes):
     config = replace(DEFAULT, name="LEVELS", sh_degree=1, **changes)
-    rows = point_rows(config, clouds(config, 9)[1], replace(FAR, lod_pixels=0.25))
+    rows = point_rows(config, clouds(config, 9)[1], replace(FAR, lod_pixels=0.5))
     assert 2 < rows.points.drawn.sum() < 9
     check("chunk", rows, 0.3)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("stall", [0, 0.3])
+def test_points_of_a_cut(stall):
+    """Stages 0 and 1 as a whole: points of the chunks that are drawn, in their order."""
+    _, model = clouds(ALPHA, CHUNKS)
+    rows = point_rows(ALPHA, model, replace(FAR, lod_pixels=1.0))
+    assert 2 < rows.points.drawn.sum() < CHUNKS
+    check("points", rows, stall)
 
 
 @pytest.mark.verify

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from splatcore.golden.pipeline import render
+from splatcore.hdl.points.preprocess import Preprocess
 from splatcore.sim.cycles.preprocessing import preprocessing_cycles
 from splatcore.sim.machine.machine import Job
 from splatcore.sim.machine.script import IDEAL
@@ -14,6 +15,7 @@ from splatcore.sim.soak.fault_runs import run_fault
 from tb.helpers.configs import ALPHA
 from tb.helpers.level_models import clouds
 from tb.helpers.machines import ROUGH, check, view
+from tb.planted.fault import plant
 
 pytestmark = pytest.mark.slow
 
@@ -51,3 +53,12 @@ def test_a_record_in_a_wrong_order_is_reported():
     for seed in range(2):
         fault = drawn(ALPHA, "levels", seed, pair=True)
         check_outcome(ALPHA, fault, run_fault(ALPHA, fault, seed, pair=True), pair=True)
+
+
+@pytest.mark.verify
+def test_a_lost_report_is_found(monkeypatch):
+    plant(monkeypatch, Preprocess, "_control", "m.If(points.fault)", "m.If(0)")
+    config = replace(ALPHA, name="UNREPORTED")
+    fault = drawn(config, "levels", 0, pair=True)
+    with pytest.raises(AssertionError):
+        check_outcome(config, fault, run_fault(config, fault, 0, pair=True), pair=True)
