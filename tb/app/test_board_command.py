@@ -315,6 +315,6 @@ def test_errors_are_reported(board, scene, tmp_path, capsys, monkeypatch):
     none = changed(board, tmp_path, memory=memory | {"bytes": 1 << 15})
     check_refused(capsys, f"{words} {none}", r"150 Gaussians at 40x24 take .* MiB")
     other = changed(board, tmp_path, preset="DEFAULT")
-    check_refused(capsys, f"{words} {other}", "VERSION is 0x20004; preset DEFAULT has 0x4")
+    check_refused(capsys, f"{words} {other}", "VERSION is 0x20005; preset DEFAULT has 0x5")
     assert not picture.exists()
     assert run(f"{words} {board[0]}") == 0

@@ -95,7 +95,8 @@ def test_models_of_all_qualities_equal_golden(quality):
 
 
 ANTIALIASED = {name: config for name, (config, _) in MACHINES.items() if config.compensates} | {
-    "default": DEFAULT, "colours in the array": replace(DEFAULT, colours="array", sh_degree=1)
+    "default": DEFAULT,
+    "colours in the array": replace(DEFAULT, colours="array", sh_degree=1, pes=9),
 }  # fmt: skip
 
 
@@ -235,9 +236,9 @@ def test_golden_against_the_reference(name):
 
     A rounding is relative to the largest summand: to the distance from the camera along the world
     axes, not to the point's own coordinates; and to the largest extent that a Gaussian of its size
-    can have, `spread`, not to its visible extent.
+    can have, `spread`, not to its visible extent. Without opacity compensation.
     """
-    model, camera, result = points(name)
+    _, model, camera, result = scene_frame(name, marked=False)
     gaussians, values = model.gaussians(), result.projected
     point = gaussians.position[result.index] @ camera.rotation.T + camera.translation
     depth = point[:, 2]

@@ -1,6 +1,7 @@
 """Frames of scenes as input of binning."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import pytest
@@ -42,13 +43,17 @@ def with_counts(names: Sequence[str]) -> list:
 
 
 @cache
-def scene_frame(name: str, count: int | None = COUNT) -> tuple:
-    """A scene's frame with about `count` Gaussians (None: all), its model, camera and points."""
+def scene_frame(name: str, count: int | None = COUNT, marked: bool = True) -> tuple:
+    """A scene's frame with about `count` Gaussians (None: all), its model, camera and points.
+
+    marked: keep the file's mark of opacity compensation
+    """
     if name in GAUSSIANS:
         scene = read_scene(scene_path(name))
         camera = read_camera(f"{scene_path(name.split('.')[0] + '.cameras.json')}:0")
     else:
         scene, camera = generate(name), generated_camera(name)
+    scene = replace(scene, antialiased=scene.antialiased and marked)
     model, _ = pack(scene[:: max(1, len(scene) // count) if count else 1], sh_degree=1)
     points = project_points(DEFAULT, model, camera)
     codes = points.codes
