@@ -24,7 +24,7 @@ COLOUR = 12.0
 PERCENTILE = 95.0
 """The error of a group is this percentile of its Gaussians' displacements …"""
 
-SHARE = 0.5
+SHARE = 1 / 3
 """… times this, so that an error of a pixel is about one that can be seen: a displaced Gaussian is
 spread over its parts, and most of a picture remains (docs/notes/2026-11-levels.md)."""
 

@@ -124,7 +124,7 @@ OTHER = ({"culling": "none"}, {"culling": "near", "depth_interval": True}, {"col
 @pytest.mark.parametrize("changes", OTHER, ids=str)
 def test_other_machines(changes):
     config = replace(DEFAULT, name="LEVELS", sh_degree=1, **changes)
-    rows = point_rows(config, clouds(config, 9)[1], replace(FAR, lod_pixels=1.0))
+    rows = point_rows(config, clouds(config, 9)[1], replace(FAR, lod_pixels=0.6))
     assert 2 < rows.points.drawn.sum() < 9
     check("chunk", rows, 0.3)
 
