@@ -22,7 +22,7 @@ from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, PREPROCESSING, READERS, RENDERING, WRITERS
 from splatcore.spec.colour import EXPONENT_MAX
 from splatcore.spec.config import Config
-from splatcore.spec.memory import MAGIC, PLACED
+from splatcore.spec.memory import MAGIC, PLACED, VERSIONS
 from splatcore.spec.registers import ErrorCode, addresses, frame_registers
 from splatcore.spec.work import STRIDE_ALIGNMENT, WORK_ALIGNMENT, stride
 
@@ -85,7 +85,7 @@ def drawn_header(config: Config, kind: str, below: Below) -> Fault:
     if kind == "magic":
         return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
     if kind == "version":
-        return Fault(ErrorCode.VERSION, header={"version": [0, 2, 5, 0xFFFF][below(4)]})
+        return Fault(ErrorCode.VERSION, header={"version": [0, 2, VERSIONS[-1] + 1, 0xFFFF][below(4)]})
     if kind == "degree":
         degree = config.sh_degree + 1 + below(255 - config.sh_degree)
         return Fault(ErrorCode.DEGREE, degree, header={"sh_degree": degree})
