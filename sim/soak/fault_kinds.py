@@ -85,7 +85,8 @@ def drawn_header(config: Config, kind: str, below: Below) -> Fault:
     if kind == "magic":
         return Fault(ErrorCode.MAGIC, header={"magic": MAGIC ^ (1 << below(32))})
     if kind == "version":
-        return Fault(ErrorCode.VERSION, header={"version": [0, 2, VERSIONS[-1] + 1, 0xFFFF][below(4)]})
+        version = [0, 2, VERSIONS[-1] + 1, 0xFFFF][below(4)]
+        return Fault(ErrorCode.VERSION, header={"version": version})
     if kind == "degree":
         degree = config.sh_degree + 1 + below(255 - config.sh_degree)
         return Fault(ErrorCode.DEGREE, degree, header={"sh_degree": degree})
