@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatcore.sim.machine.script import Timing
+from splatcore.sim.soak.machines import graded
 from splatcore.spec.binning import fits
 from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.config import Config
@@ -96,7 +97,7 @@ def camera(rng: np.random.Generator, config: Config) -> Camera:
     focal = min(width, height, 64) * np.exp(rng.normal(0, 0.5))
     found = look_at(place, rng.normal(0, 0.3, 3), width, height, focal)
     middle = rng.choice([0.5, rng.uniform(-0.5, 1.5)])
-    pixels = float(rng.choice([0, 0.25, 1, 4, 1000])) if config.levels else 0.0
+    pixels = float(rng.choice([0, 0.25, 1, 4, 1000])) if graded(config) else 0.0
     return replace(found, cx=found.width * middle, lod_pixels=pixels)
 
 

@@ -20,7 +20,7 @@ from splatcore.sim.machine.areas import Areas, make_memory, place_areas
 from splatcore.sim.machine.execute import execute
 from splatcore.sim.machine.machine import Job, frame_values
 from splatcore.sim.machine.script import Report, Script, Timing
-from splatcore.sim.soak.machines import machine
+from splatcore.sim.soak.machines import graded, machine
 from splatcore.spec import registers
 from splatcore.spec.config import Config
 from splatcore.spec.group import group_pixels
@@ -117,7 +117,7 @@ def job(config: Config, which: int) -> Job:
     side = group_pixels(config)
     camera = generated_camera("garden", side * 5 // 4, side * 9 // 8)
     camera = replace(camera, translation=camera.translation - [STEP * which, 0, 0])
-    if not config.levels:
+    if not graded(config):
         return Job(pack(generate("garden", GAUSSIANS), config)[0], camera)
     model, _ = pack(generate("garden", GROUPED), config)
     return Job(with_levels(model, config)[0], replace(camera, lod_pixels=1.0))

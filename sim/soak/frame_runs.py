@@ -18,7 +18,7 @@ from splatcore.sim.machine.counted import counted
 from splatcore.sim.machine.machine import Job, Run
 from splatcore.sim.machine.script import Timing
 from splatcore.sim.soak import draw
-from splatcore.sim.soak.machines import MACHINES, machine
+from splatcore.sim.soak.machines import MACHINES, graded, machine
 from splatcore.spec.config import Config
 from splatcore.spec.scene import Scene, joined
 
@@ -56,7 +56,7 @@ def drawn(seed: int, number: int) -> Drawn:
     name = list(MACHINES)[number % len(MACHINES)]
     config = MACHINES[name]
     count = 1 + int(rng.integers(MODELS_MAX))
-    parts = GROUPED if config.levels else 1
+    parts = GROUPED if graded(config) else 1
     scenes = [joined([draw.scene(rng) for _ in range(parts)]) for _ in range(count)]
     known = qualities_of(config)
     qualities = [str(rng.choice(known)) for _ in scenes]
@@ -64,7 +64,7 @@ def drawn(seed: int, number: int) -> Drawn:
         pack(scene, config, quality=quality)[0]
         for scene, quality in zip(scenes, qualities, strict=True)
     ]
-    if config.levels:
+    if graded(config):
         models = [with_levels(m, config)[0] if rng.integers(4) else m for m in models]
     used = [int(k) for k in rng.integers(count, size=FRAMES)]
     codes = 1 << config.colour_fraction

@@ -24,6 +24,12 @@ def small(config: Config, **changes) -> Config:
     return replace(config, width_max=SIDE, height_max=SIDE, **changes)
 
 
+def graded(config: Config) -> bool:
+    """Whether runs of a machine have models with levels of detail: only those with alpha, as such
+    models are 8 to 30 times as large as others."""
+    return config.levels and config.rgba
+
+
 MACHINES: dict[str, Config] = {
     name: replace(config, name=f"SOAK-{name.replace(' ', '-')}")
     for name, config in {
@@ -44,7 +50,7 @@ MACHINES: dict[str, Config] = {
         "near plane only": replace(TINY, culling="near", tile_test="3sigma"),
         "degree 1": replace(TINY, sh_degree=1, levels=False, faint=(), port=256, pe_arrays=2),
         "2 rasterizers in quads": replace(TINY, lanes="quads"),
-        "16 rasterizers in quads": small(DEFAULT, rasterizers=16, pes=9, rgba=True),
+        "16 rasterizers in quads": small(DEFAULT, rasterizers=16, pes=9, levels=False, rgba=True),
         "alpha": replace(TINY, rgba=True),
     }.items()
 }
