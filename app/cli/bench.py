@@ -21,7 +21,7 @@ from splatcore.app.cli.options import (
 )
 from splatcore.model.formats.model_file import is_packed
 from splatcore.model.pack.quality import COMPACT, QUALITIES
-from splatcore.sim.common.choice import check_known, numbers
+from splatcore.sim.common.choice import check_known, numbers, numbers_within
 from splatcore.sim.common.output import console, make_folder, messages, write_json
 from splatcore.sim.common.table import Column, Table
 from splatcore.sim.frame.reading import Reading
@@ -30,7 +30,6 @@ from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import VIEW_SIZE, check_fits, check_source
 from splatcore.sim.machine.script import TIMINGS, find_timing
 from splatcore.spec.config import Config
-from splatcore.spec.error import InputError
 from splatcore.study.results.campaigns import SweepPoint
 from splatcore.study.results.fields import columns, with_names
 from splatcore.study.results.frames import QualityRow
@@ -123,10 +122,7 @@ def sort_command(
 
 def parse_lengths(text: str) -> tuple[int, ...]:
     """Parse the lengths of lists; raise InputError for impossible ones."""
-    lengths = numbers("--lengths", text, int)
-    if not all(1 <= length <= LENGTH_MAX for length in lengths):
-        raise InputError(f"--lengths '{text}': must all be in 1 … {LENGTH_MAX}")
-    return lengths
+    return numbers_within("--lengths", text, 1, LENGTH_MAX, int)
 
 
 @command("bench scenes")

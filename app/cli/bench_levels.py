@@ -4,13 +4,13 @@ from pathlib import Path
 
 from splatcore.app.cli import options
 from splatcore.app.cli.options import command, option
-from splatcore.sim.common.choice import numbers
+from splatcore.sim.common.choice import numbers_within
 from splatcore.sim.common.output import console, make_folder, write_json
 from splatcore.spec.camera import LOD_MAX
 from splatcore.spec.config import Config
 from splatcore.spec.error import InputError
 
-AWAY_MAX = 1000.0  # median depths
+AWAY_MAX = 1000  # median depths
 FRAMES_MAX = 1000
 
 
@@ -25,7 +25,7 @@ def levels_command(
         "0,1,3", "N,N,…", "Views: the camera is moved back by N median depths.", panel=options.SCENE
     ),
     pixels: str = option(
-        "0.5,1,2,4", "PX,PX,…", "Errors, besides 0; see --lod-pixels.", panel=options.MACHINE
+        "0.5,1,2,4", "PX,PX,…", "Errors in addition to 0; see --lod-pixels.", panel=options.MACHINE
     ),
     frames: int = option(
         0,
@@ -44,8 +44,8 @@ def levels_command(
     each error. dB are against the reference's picture of all Gaussians; the same for as many
     Gaussians chosen at random. Cycles are those of the cycle model.
     """
-    distances = _within("--away", away, 0, AWAY_MAX)
-    errors = _within("--pixels", pixels, 0, LOD_MAX)
+    distances = dict.fromkeys(numbers_within("--away", away, 0, AWAY_MAX))
+    errors = dict.fromkeys((0.0, *numbers_within("--pixels", pixels, 0, LOD_MAX)))
     if not config.levels:
         raise InputError(f"preset {config.name} renders no levels of detail")
     options.check_quality(quality, scene)
@@ -56,18 +56,9 @@ def levels_command(
     from splatcore.study.bench import levels
 
     make_folder(output)
-    errors = [0.0, *(each for each in errors if each)]
-    found = levels.bench_levels(shot, distances, errors, frames, output)
+    found = levels.bench_levels(shot, [*distances], [*errors], frames, output)
     levels.table(found).print()
     if frames:
         levels.popping_table(found).print()
     write_json(output / "levels.json", found)
     console.print(str(output / "levels.json"))
-
-
-def _within(option: str, text: str, least: float, most: float) -> list[float]:
-    """Parse an option's numbers; raise InputError for one out of range."""
-    found = list(dict.fromkeys(numbers(option, text, float)))
-    if not all(least <= number <= most for number in found):
-        raise InputError(f"{option} '{text}': must all be in {least:g} … {most:g}")
-    return found

@@ -5,10 +5,10 @@ from pathlib import Path
 from splatcore.app.cli.bench import PIXELS, finish
 from splatcore.app.cli.options import FOLDER, SCENE, command, option
 from splatcore.model.generate.generate import COUNT_MAX
-from splatcore.sim.common.choice import numbers
+from splatcore.sim.common.choice import numbers_within
 from splatcore.sim.common.output import make_folder
 from splatcore.sim.frame.size import parse_size
-from splatcore.spec.error import InputError
+from splatcore.spec.convention import SH_DEGREE_MAX
 
 
 @command("bench scale")
@@ -36,7 +36,8 @@ def scale_command(
     its own. Writes CPU and wall seconds and the peak of anonymous memory by number of Gaussians as
     DIR/scale.json, scale.csv and a plot, scale.png. A command that fails is a row with the reason.
     """
-    asked = _within("--counts", counts, 1, COUNT_MAX), _within("--degrees", degrees, 0, 3)
+    wanted = ("--counts", counts, 1, COUNT_MAX), ("--degrees", degrees, 0, SH_DEGREE_MAX)
+    asked = [None if each[1] is None else numbers_within(*each, int) for each in wanted]
     pixels = "x".join(map(str, parse_size(size)))
     from splatcore.study.bench import scale
 
@@ -47,11 +48,3 @@ def scale_command(
     scale.table(facts).print()
     scale.needs_table(facts).print()
     finish(output / "scale.json", facts)
-
-
-def _within(option: str, text: str | None, least: int, most: int) -> tuple[int, ...] | None:
-    """Parse an option's numbers; raise InputError for one out of range."""
-    found = None if text is None else numbers(option, text, int)
-    if not all(least <= number <= most for number in found or ()):
-        raise InputError(f"{option} '{text}': must all be in {least} … {most}")
-    return found

@@ -29,6 +29,14 @@ def numbers(option: str, text: str, kind: type = float, blank: bool = False) -> 
         raise InputError(f"{option} '{text}': must be numbers separated by commas") from None
 
 
+def numbers_within(option: str, text: str, least: float, most: float, kind: type = float) -> tuple:
+    """Parse numbers in least … most separated by commas; raise InputError for anything else."""
+    found = numbers(option, text, kind)
+    if not all(least <= number <= most for number in found):
+        raise InputError(f"{option} '{text}': must all be in {least} … {most}")
+    return found
+
+
 def parse_colour(text: str) -> tuple[float, float, float]:
     """Parse three numbers 0 … 1 separated by commas."""
     try:

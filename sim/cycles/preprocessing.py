@@ -61,11 +61,11 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     points, plan = frame.points, schedule(config, projection(config))
     chunks = np.where(points.read, CHUNK, 0)
     chunks[np.flatnonzero(chunks)[-1:]] -= chunks.sum() - len(points.step)  # a short last chunk
-    levels = level_costs(config, points, latency)
+    levels, interval = level_costs(config, points, latency), chunk_interval(config, points)
     waits = np.diff(np.cumsum(levels)[points.drawn], prepend=0)
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
     parts = Parts(
-        Part(chunk_interval(config, points), HEADER + latency),
+        Part(interval, HEADER + latency),
         Part(cull.interval, cull.length),
         Part(place.interval, place.length + ATTRIBUTES + latency),
         Part(plan.interval, plan.length + SPLAT),
@@ -75,7 +75,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     end = pass_points(drawn, waits, points.step, bin_costs(frame), parts, slots, queue)
     begin = BEGIN + 3 * latency + config.codebook // BEAT
     count = frame.binned.lists.count
-    end = max(end, levels.sum() + len(waits) * chunk_interval(config, points))
+    end = max(end, levels.sum() + len(waits) * interval)
     return int(begin + end + len(count) + LAST_BURST * np.count_nonzero(count))
 
 

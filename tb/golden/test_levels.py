@@ -26,6 +26,7 @@ from splatcore.spec.registers import variable_constants
 from splatcore.spec.schedule import schedule
 from tb.helpers.refusal import refused
 
+NONE = replace(DEFAULT, name="NONE", levels=False)
 CAMERA = replace(generated_camera("garden").resized(160, 90), name="garden")
 FAR = replace(CAMERA.resized(80, 45), translation=np.add(CAMERA.translation, [0, 0, 40]))
 AMID = replace(CAMERA, translation=CAMERA.translation - [0, 0, 4])
@@ -117,7 +118,7 @@ def test_no_pixels_is_the_finest_level(models):
         one, other = (frame_cycles(DEFAULT, frame) for frame in frames)
         assert replace(one, chunk=other.chunk, preprocessing=other.preprocessing) == other
         assert one.preprocessing <= other.preprocessing < 1.2 * one.preprocessing
-        assert frame_cycles(DEFAULT, pipeline.render(DEFAULT, plain, camera)) == one
+        assert frame_cycles(NONE, pipeline.render(NONE, plain, camera)) == one
 
 
 def test_coarser_levels_cost_less(models):
@@ -156,7 +157,6 @@ def test_budget(models):
 
 
 def test_machines_without_levels(models):
-    none = replace(DEFAULT, name="NONE", levels=False)
-    refused("has levels of detail, preset NONE", pipeline.render, none, models[1], CAMERA)
+    refused("has levels of detail, preset NONE", pipeline.render, NONE, models[1], CAMERA)
     assert "lod" in constants(DEFAULT) and "lod" in variable_constants(DEFAULT)
-    assert "lod" not in constants(none) and "lod" not in variable_constants(none)
+    assert "lod" not in constants(NONE) and "lod" not in variable_constants(NONE)

@@ -18,8 +18,7 @@ def wide_addresses(config: Config) -> Config:
 
 
 ALPHA = replace(TINY, name="ALPHA", rgba=True)
-"""A machine that writes alpha: its spans have 32 bytes, while those of TINY share beats. And it
-renders models with levels of detail."""
+"""A machine that writes alpha: its spans have 32 bytes, while those of TINY share beats."""
 
 MAPS = (*PRESETS.values(), wide_addresses(DEFAULT), ALPHA)
 """Machines with register maps of all kinds."""
