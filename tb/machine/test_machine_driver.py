@@ -57,7 +57,8 @@ def compiled_host(config: Config, job: Job, areas: Areas, folder: Path) -> Path:
     write_register_files(config, folder)
     objects = [*driver(folder), folder / "host.o"]
     memory = [*(hex(region.begin) for region in areas.regions), FEW_PAGES, areas.features]
-    camera = camera_fields(job.camera).rpartition(", ")[0] + ", 0"  # the usual near plane
+    camera = camera_fields(job.camera).rpartition(", ")[0]
+    camera += ", 0" * (1 + config.levels)  # the usual near plane, the finest level
     facts = {"model": job.model.image[:64], "camera": camera, "memory": memory}
     source = folder / "host.c"
     source.write_text(HOST.render(pages=areas.pages, **facts))
