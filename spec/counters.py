@@ -12,7 +12,7 @@ COUNTER_BITS = 32
 """Width of a counter."""
 
 POINTS = {
-    "chunks": "chunk headers",
+    "chunks": "chunk headers of the levels that are drawn",
     "skipped": "chunks skipped by their header",
     "points": "points read",
     "front": "points in front of the near plane",

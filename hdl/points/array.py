@@ -32,7 +32,7 @@ class Array(wiring.Component):
         late: field → the round at whose beginning it enters
         carried: shape of the data that accompanies each item unchanged
         held: `i.payload` is stable while an item is inside and fields are read from there; so only
-            one item is inside at a time
+            one item is inside at a time, and a round begins when one comes
         stalls: whether `o.ready` may be low; an array that never stalls needs no enables
 
     **Timing**: one item every `plan.interval` cycles, taken in the last phase of a round; its
@@ -107,12 +107,16 @@ class Array(wiring.Component):
             self.i.ready.eq(self.enable & self.last),
         ]
         if self.stalls:
-            m.d.comb += self.enable.eq(~self.o.valid | self.o.ready)
+            waits = self.last & ~self.active & ~self.i.valid if self.held else 0
+            m.d.comb += self.enable.eq((~self.o.valid | self.o.ready) & ~waits)
         with m.If(self.enable):
             m.d.sync += self.phase.eq(self.phase.rotate_left(1))
             with m.If(self.last):
                 m.d.sync += [inside[0].valid.eq(self.i.valid)]
                 m.d.sync += [b.eq(a) for a, b in pairwise(inside)]
+        if self.held:
+            with m.If(self.o.valid & self.o.ready):
+                m.d.sync += inside[-1].valid.eq(0)
         if "carried" in self.inside.members:
             m.d.comb += self.o.payload.carried.eq(inside[-1].carried)
             with m.If(self.enable & self.last):

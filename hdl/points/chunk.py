@@ -9,7 +9,7 @@ from splatcore.hdl.arithmetic.convert import Convert, FromFixed, converted
 from splatcore.hdl.lib.record import layout, same_fields, stream_of
 from splatcore.hdl.lib.stream import judged
 from splatcore.hdl.points.array import Array
-from splatcore.hdl.points.level import Level
+from splatcore.hdl.points.level import BEATS_BITS, Level
 from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec import microprogram, point, programs
 from splatcore.spec.colour import LAYOUTS
@@ -19,6 +19,9 @@ from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIF
 from splatcore.spec.programs import CORNER_STEPS
 
 AXES = "xyz"
+
+LEVEL_PORTS = ("fault", "turn", "jump", "target")
+"""Ports of `hdl.points.level.Level` that reach the reader and the control around it."""
 
 CONVERT_LATENCY = 4  # cycles from grid steps to a float
 
@@ -44,7 +47,7 @@ class Chunk(wiring.Component):
     header: its sphere's centre replaces both ends and its radius the reach, and the constant lod
     those of margin and guard band, so that far_x is the largest error (`spec.programs.LEVEL`).
 
-    **Timing**: one PE; a header every `plan.length` + 15 cycles (`DEFAULT`: 38, while the points of
+    **Timing**: one PE; a header every `plan.length` + 17 cycles (`DEFAULT`: 40, while the points of
     a full chunk take 1024). One header at a time, so its numbers need not be carried along. A
     record that is tested takes as long as a header.
     """
@@ -57,11 +60,12 @@ class Chunk(wiring.Component):
             # with the last chunk a frame ends, and the next header belongs to chunk 0
             "model": In(ModelState),
             "o": Out(stream_of(point.chunk_record(config))),
-            "taken": Out(1),  # a header is done, kept or skipped, high for one cycle
+            "taken": Out(1),  # a header of a drawn level is done, kept or skipped, for one cycle
         }
         if config.levels:
-            # the model has levels; a record contradicts its place, high for one cycle
-            ports |= {"levels": In(1), "fault": Out(1)}
+            self.level = Level()
+            ports |= {"levels": In(1)}  # the model has levels
+            ports |= {name: self.level.signature.members[name] for name in LEVEL_PORTS}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -69,7 +73,7 @@ class Chunk(wiring.Component):
         m.submodules.array = self.array = Array(self.config, self.program, held=True)
         self.number = Signal(point.NUMBER_BITS)
         # Beats of attributes of all earlier chunks, over CHUNK: only a model's last has fewer.
-        self.beats = Signal(point.BEATS_BITS - point.PLACE_BITS)
+        self.beats = Signal(BEATS_BITS)
         self.headers = self._levels(m) if self.config.levels else self.i
         self._run(m, *self._converted(m))
         self._give(m)
@@ -77,13 +81,16 @@ class Chunk(wiring.Component):
 
     def _levels(self, m: Module) -> stream.Interface:
         """Headers that the view draws, and records to be tested."""
-        m.submodules.level = level = self.level = Level()
+        m.submodules.level = level = self.level
         connect(m, flipped(self).i, level.i)
         m.d.comb += [
             level.levels.eq(self.levels),
             level.number.eq(self.number),
             level.last.eq(self._last()),
+            level.turn.eq(self.turn),
             self.fault.eq(level.fault),
+            self.jump.eq(level.jump),
+            self.target.eq(level.target),
         ]
         return level.o
 
@@ -179,11 +186,11 @@ class Chunk(wiring.Component):
             payload.projecting.harmonics.eq(header.harmonics),
             payload.projecting.step.eq(header.step),
         ]
-        taken = self._header(self.array.o.ready)
+        m.d.comb += self.taken.eq(self._header(self.array.o.ready))
+        over = self.taken
         if self.config.levels:
-            taken |= self.level.dropped
+            over |= self.level.dropped
             m.d.comb += self.level.enough.eq(kept)
-        m.d.comb += self.taken.eq(taken)
         for part in payload.shape().members:
             fields = payload[part]
             for name in fields.shape().members:
@@ -196,9 +203,15 @@ class Chunk(wiring.Component):
                 m.d.comb += payload.culling[name].eq(header[name])
         beats = Cat(Const(1 + harmonics.beats, 2) for harmonics in LAYOUTS)
         each = beats.word_select(header.harmonics, 2)
-        with m.If(self.taken):
+        with m.If(over):
             m.d.sync += self.number.eq(Mux(last, 0, self.number + 1))
             m.d.sync += self.beats.eq(Mux(last, 0, self.beats + each))
+        if self.config.levels:
+            level = self.level
+            with m.If(over & level.over):
+                ends = level.end == self._last()
+                m.d.sync += self.number.eq(Mux(ends, 0, level.target))
+                m.d.sync += self.beats.eq(Mux(ends, 0, level.beats))
 
     def _last(self) -> Value:
         """Number of the model's last chunk."""

@@ -10,6 +10,13 @@ from splatcore.spec import point
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK_HEADER
 
+BEATS_BITS = point.BEATS_BITS - point.PLACE_BITS
+"""Width of the beats of attributes before a chunk, over CHUNK."""
+
+SPARED_BITS = 2
+"""A turn costs as much as reading some 4 headers with their records: it is left out if the header
+at which it begins is in the same 4 as the last one that it spares."""
+
 
 class Level(wiring.Component):
     """Passes on the chunk headers that a view draws, and drops the others.
@@ -18,11 +25,16 @@ class Level(wiring.Component):
     on too, to be tested. The walk takes one item after the other, whatever the records contain, so
     no record can stop it.
 
+    Headers behind a group that is drawn are dropped up to its `jump`. If that is well beyond what
+    the reader has asked for, the reader turns there, and only the headers on their way are dropped.
+
     Internal:
         of_header: the item at `i` is a header
         drawn: the header after the last record is drawn
         again: the last record has the next one in its group
         skips, end: headers are dropped up to and including that of this number
+        begins: headers are dropped from the next one on
+        turning, until: after the header before this number comes that behind `end`
 
     **Timing**: combinational; items that are not passed on take one cycle. In models without levels
     all items are passed on.
@@ -40,10 +52,19 @@ class Level(wiring.Component):
             "enough": In(1),  # its group is coarse enough; valid when the record is taken
             "dropped": Out(1),  # a header is dropped, high for one cycle
             "fault": Out(1),  # a record contradicts its place, high for one cycle
+            "turn": In(point.NUMBER_BITS),  # of the first header that has not been asked for
+            # the reader goes on at `target` instead, high for one cycle
+            "jump": Out(1),
+            "target": Out(point.NUMBER_BITS),
+            # behind the header at `i` comes that at `target`, with `beats` before its attributes
+            "over": Out(1),
+            "beats": Out(BEATS_BITS),
         }
         super().__init__(ports)
         self.of_header, self.drawn, self.again = Signal(), Signal(), Signal()
         self.skips, self.end = Signal(), Signal(point.NUMBER_BITS, reset_less=True)
+        self.begins, self.turning = Signal(), Signal()
+        self.until = Signal(point.NUMBER_BITS, reset_less=True)
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -61,14 +82,32 @@ class Level(wiring.Component):
         m.d.comb += end.eq(record.jump - 1)
         m.d.comb += drawn.eq(~self.skips & (~coarse | Mux(self.again, self.drawn, self.enough)))
         wrong = Mux(coarse, end <= self.number, (end != self.number) | self.again | ~record.last)
+        wrong |= end > self.last
         m.d.sync += self.fault.eq(0)
         with m.If(passes(self.i) & self.levels):
             m.d.sync += self.of_header.eq(~self.of_header)
             with m.If(~self.of_header):
-                m.d.sync += self.fault.eq(wrong | (end > self.last))
+                m.d.sync += self.fault.eq(wrong)
                 m.d.sync += [self.drawn.eq(drawn), self.again.eq(coarse & ~record.last)]
                 with m.If(drawn & coarse & record.last):
-                    m.d.sync += [self.skips.eq(1), self.end.eq(end)]
-            with m.Elif(self.number == self.end):
-                m.d.sync += self.skips.eq(0)
+                    m.d.sync += [self.skips.eq(1), self.end.eq(end), self.beats.eq(record.beats)]
+            with m.Elif((self.number == self.end) | self.over):
+                m.d.sync += [self.skips.eq(0), self.turning.eq(0)]
+                with m.If(self.over):
+                    m.d.sync += self.again.eq(0)
+        self._jump(m, wrong)
         return m
+
+    def _jump(self, m: Module, wrong: Value):
+        """Let the reader turn, if that spares it a header or more; not for a `wrong` record."""
+        m.d.sync += self.begins.eq(0)
+        with m.If(passes(self.i) & ~self.of_header & ~wrong):
+            m.d.sync += self.begins.eq(~self.skips)
+        far = self.turn[SPARED_BITS:] < self.end[SPARED_BITS:]
+        m.d.comb += [
+            self.target.eq(self.end + 1),
+            self.jump.eq(self.begins & self.skips & far),
+            self.over.eq(self.turning & (self.number + 1 == self.until)),
+        ]
+        with m.If(self.jump):
+            m.d.sync += [self.turning.eq(1), self.until.eq(self.turn)]

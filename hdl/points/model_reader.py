@@ -13,7 +13,7 @@ from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.fetch import FetchBeats
 from splatcore.hdl.memory.words import Words
 from splatcore.hdl.points.codebook import codebook_line
-from splatcore.hdl.points.load import Load
+from splatcore.hdl.points.load import RANGE_BITS, Load
 from splatcore.hdl.points.state import ModelState
 from splatcore.spec import axi
 from splatcore.spec.config import Config
@@ -31,7 +31,7 @@ BEATS_WAITING = 2 * axi.BURST_BEATS
 HEADER_BEATS = CHUNK_HEADER.size // axi.BEAT
 
 COUNT_BITS = NUMBER_BITS + 1 + (HEADER_BEATS - 1).bit_length()
-"""Width of the number of beats of all chunk headers; one more with levels."""
+"""Width of the number of beats of all chunk headers."""
 
 
 def multiple(value: Value, factor: int) -> Value:
@@ -66,12 +66,19 @@ class ModelReader(wiring.Component):
             "wanted": In(stream_of(WANTED)),  # Gaussians whose attributes are to be read
             "attributes": Out(stream.Signature(ATTRIBUTE_BITS)),  # the beats of these attributes
             "given": Out(1),  # all chunk headers have been taken
-            **({"levels": Out(1)} if config.levels else {}),  # as in `hdl.points.load.Load`
             # to memory, one for each of `READING`
             "reads": Out(stream_of(axi.read_record())).array(len(READING)),
             # from memory, one for each of `READING`
             "data": In(stream.Signature(read_beat(config))).array(len(READING)),
         }
+        if config.levels:
+            ports |= {
+                "levels": Out(1),  # as in `hdl.points.load.Load`
+                "turn": Out(NUMBER_BITS),  # of the first chunk whose header is not asked for yet
+                # the header of this chunk comes instead, high for one cycle
+                "jump": In(1),
+                "target": In(NUMBER_BITS),
+            }
         super().__init__(ports)
         self.chunks = Signal(NUMBER_BITS + 1 + config.levels)  # headers and records of levels
 
@@ -107,20 +114,19 @@ class ModelReader(wiring.Component):
 
     def _headers(self, m: Module):
         """Read header and codebooks first, then the chunk headers of two beats each."""
-        fetch, load = self._reader(m, "model", COUNT_BITS + self.config.levels), self.load
+        load, widths = self.load, [COUNT_BITS, RANGE_BITS]
+        fetch = self._reader(m, "model", widths[self.config.levels])
         m.submodules.beat = beat = Slot(axi.DATA_BITS)
         connect(m, fetch.o, beat.i)
-        asks, left = Signal(), Signal.like(self.chunks)
+        left = Signal.like(self.chunks)
         upper, low = Signal(), Signal(axi.DATA_BITS, reset_less=True)
         running = Signal()
+        ask = self._turning if self.config.levels else self._asking
+        asks, first, count, spared = ask(m, running, fetch)
         m.d.comb += [
             fetch.i.valid.eq(asks | load.ranges.valid),
-            fetch.i.payload.beat.eq(
-                Mux(asks, self.model_at + HEADER.size // axi.BEAT, load.ranges.payload.beat)
-            ),
-            fetch.i.payload.count.eq(
-                Mux(asks, self.chunks * HEADER_BEATS, load.ranges.payload.count)
-            ),
+            fetch.i.payload.beat.eq(Mux(asks, first, load.ranges.payload.beat)),
+            fetch.i.payload.count.eq(Mux(asks, count, load.ranges.payload.count)),
             load.ranges.ready.eq(fetch.i.ready & ~asks),
             load.beats.payload.eq(beat.o.payload),
             load.beats.valid.eq(beat.o.valid & ~running),
@@ -130,15 +136,50 @@ class ModelReader(wiring.Component):
             self.given.eq(running & ~left.any()),
         ]
         with m.If(self.run):
-            m.d.sync += [asks.eq(self.chunks.any()), running.eq(1), left.eq(self.chunks)]
-        with m.If(asks & fetch.i.ready):
-            m.d.sync += asks.eq(0)
+            m.d.sync += [running.eq(1), left.eq(self.chunks)]
         with m.If(self.start):
             m.d.sync += running.eq(0)
         with m.If(running & passes(beat.o)):
             m.d.sync += [upper.eq(~upper), low.eq(beat.o.payload)]
             with m.If(upper):
                 m.d.sync += left.eq(left - 1)
+        if self.config.levels:
+            with m.If(self.jump):  # no header is taken in this cycle
+                m.d.sync += left.eq(left - spared)
+
+    def _asking(self, m: Module, running: Signal, fetch: FetchBeats) -> tuple[Value, ...]:
+        """Ask for all headers at once. Returns whether to ask, first beat, beats, and 0."""
+        asks = Signal()
+        with m.If(self.run):
+            m.d.sync += asks.eq(self.chunks.any())
+        with m.Elif(asks & fetch.i.ready):
+            m.d.sync += asks.eq(0)
+        first = self.model_at + HEADER.size // axi.BEAT
+        return asks, first, self.chunks * HEADER_BEATS, Const(0)
+
+    def _turning(self, m: Module, running: Signal, fetch: FetchBeats) -> tuple[Value, ...]:
+        """Ask for the headers burst by burst, once there is room, to turn at any time: headers and
+        records are pairs of beats, and the bursts those of one range. Returns whether to ask, first
+        beat, beats, and the pairs that a jump spares."""
+        asked, first = Signal.like(self.chunks), Signal(axi.BEAT_ADDRESS_BITS)
+        rest, burst = Signal.like(asked), Signal(range(axi.BURST_BEATS // HEADER_BEATS + 1))
+        place = first[exact_log2(HEADER_BEATS) :][: len(burst) - 1]  # in a burst
+        part = fetch.fetch
+        room = ~part.sized & (part.used.count <= part.depth - part.burst)
+        target, asks = self.target << 1, running & rest.any() & room & ~self.jump
+        m.d.comb += [
+            first.eq(self.model_at + HEADER.size // axi.BEAT + asked * HEADER_BEATS),
+            rest.eq(self.chunks - asked),
+            burst.eq(Mux(rest < (1 << len(place)) - place, rest, (1 << len(place)) - place)),
+            self.turn.eq(asked >> 1),
+        ]
+        with m.If(self.run):
+            m.d.sync += asked.eq(0)
+        with m.Elif(self.jump):
+            m.d.sync += asked.eq(target)
+        with m.Elif(asks & fetch.i.ready):
+            m.d.sync += asked.eq(asked + burst)
+        return asks, first, burst * HEADER_BEATS, target - asked
 
     def _positions(self, m: Module):
         """Read each chunk that is fetched as one range of beats."""

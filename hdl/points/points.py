@@ -9,7 +9,7 @@ from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Fork, Queue, Slot, passes
-from splatcore.hdl.points.chunk import Chunk
+from splatcore.hdl.points.chunk import LEVEL_PORTS, Chunk
 from splatcore.hdl.points.codebook import codebook_line
 from splatcore.hdl.points.cull import Cull
 from splatcore.hdl.points.place import Place
@@ -88,7 +88,8 @@ class Points(wiring.Component):
             "counters": Out(counters_layout(COUNTED)),
         }
         if config.levels:
-            ports |= {"levels": In(1), "fault": Out(1)}  # as in `hdl.points.chunk.Chunk`
+            of_chunk = self.chunk.signature.members
+            ports |= {name: of_chunk[name] for name in ("levels", *LEVEL_PORTS)}
         super().__init__(ports)
 
     def elaborate(self, platform) -> Module:
@@ -112,7 +113,10 @@ class Points(wiring.Component):
         m.d.comb += [part.frame.eq(self.frame) for part in (chunk, cull, place, project)]
         m.d.comb += [part.model.eq(self.model) for part in (chunk, cull, project)]
         if self.config.levels:
-            m.d.comb += [chunk.levels.eq(self.levels), self.fault.eq(chunk.fault)]
+            m.d.comb += [chunk.levels.eq(self.levels), chunk.turn.eq(self.turn)]
+            m.d.comb += [
+                getattr(self, name).eq(getattr(chunk, name)) for name in ("fault", "jump", "target")
+            ]
         self._chunks(m)
         self._idle(m)
         self._count(m)

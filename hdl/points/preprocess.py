@@ -100,7 +100,9 @@ class Preprocess(wiring.Component):
             low, high = frame[f"camera_{axis}_low"], frame[f"camera_{axis}_high"]
             m.d.comb += points.frame.camera[k].eq(Cat(low, high))
         if config.levels:
-            m.d.comb += points.levels.eq(self.model.levels)
+            reader = self.model
+            m.d.comb += [points.levels.eq(reader.levels), points.turn.eq(reader.turn)]
+            m.d.comb += [reader.jump.eq(points.jump), reader.target.eq(points.target)]
         m.d.comb += [
             self.model.model_at.eq(frame.model[axi.BEAT_BITS :]),
             points.model.eq(self.model.model),

@@ -62,7 +62,7 @@ def frame_cycles(config: Config, frame: Frame, timing: Timing = LPDDR4) -> Cycle
     """Cycles of a frame of the golden model. timing: of memory; only its latency is used."""
     points = frame.points
     raster = raster_cycles(config, frame)
-    headers = np.count_nonzero(points.drawn) * chunk_interval(config, points)
+    headers = np.count_nonzero(points.drawn) * chunk_interval(config)
     return Cycles(
         chunk=int(headers + level_costs(config, points, timing.latency).sum()),
         cull=len(points.step) * schedule(config, culling(config.depth_interval)).interval,

@@ -28,26 +28,32 @@ SET_UP = 3  # minimum cycles per splat in binning
 HEADER = 10  # from keeping a chunk to its first point
 ATTRIBUTES = 12  # from placing a point to its attributes
 SPLAT = 5  # from the end of the array to binning
+AROUND = 17  # of a header, besides its array: ends are converted, then it is judged
 INSIDE = 4  # points that an array of stage 0 or 1 buffers
 LAST_BURST = 2  # cycles per list's end, in addition to its entry in the table
 BEGIN = 150  # from a frame's start to its first chunk, plus from its last entry to its end
 
 
-def chunk_interval(config: Config, points: Points) -> int:
-    """Cycles per chunk header; its array processes one chunk at a time. With levels, a header comes
-    behind a record, too late for the array's next round."""
-    plan = schedule(config, program("chunk"))
-    return (plan.length // plan.interval + 1 + int(points.tested.any())) * plan.interval
+def chunk_interval(config: Config) -> int:
+    """Cycles per chunk header; its array processes one chunk at a time."""
+    return schedule(config, program("chunk")).length + AROUND
 
 
 def level_costs(config: Config, points: Points, latency: int) -> np.ndarray:
     """Cycles [C] per chunk in choosing levels, without those of headers that are drawn: a group is
-    tested like a header, and other headers are dropped as fast as they are read:
-    a beat every other cycle, or `BEATS_WAITING` in the time that memory takes for a burst. Zeros
-    without levels. latency: memory cycles from a request to its first beat"""
-    dropped = LEVEL_BEATS * max(2, (latency + BURST_BEATS) // BEATS_WAITING)
-    test = chunk_interval(config, points)
-    return np.where(points.tested, test, np.where(points.drawn, 0, dropped))
+    tested like a header; other records and headers are read, a beat every other cycle, and dropped.
+    Of the subtree of a group that is drawn, these are the ones on their way when the reader turns.
+    Zeros without levels. latency: memory cycles from a request to its first beat"""
+    tested, drawn = points.tested, points.drawn
+    if not tested.any():
+        return np.zeros(len(drawn))
+    item = 2 * CHUNK_HEADER.size // BEAT
+    costs = np.where(tested, chunk_interval(config), item) + np.where(drawn, 0, item)
+    number, below = np.arange(len(drawn)), ~(drawn | tested)
+    behind = number - np.maximum.accumulate(np.where(below, -1, number))  # the chunk before the run
+    turn = BEATS_WAITING // LEVEL_BEATS  # headers on their way
+    costs[behind > turn] = 0
+    return costs + (behind == turn + 1) * max(0, latency - 2 * BURST_BEATS)
 
 
 def bin_costs(frame: Frame) -> np.ndarray:
@@ -61,7 +67,7 @@ def preprocessing_cycles(config: Config, frame: Frame, latency: int) -> int:
     points, plan = frame.points, schedule(config, projection(config))
     chunks = np.where(points.read, CHUNK, 0)
     chunks[np.flatnonzero(chunks)[-1:]] -= chunks.sum() - len(points.step)  # a short last chunk
-    levels, interval = level_costs(config, points, latency), chunk_interval(config, points)
+    levels, interval = level_costs(config, points, latency), chunk_interval(config)
     waits = np.diff(np.cumsum(levels)[points.drawn], prepend=0)
     cull, place = (schedule(config, p) for p in (culling(config.depth_interval), program("place")))
     parts = Parts(

@@ -11,8 +11,8 @@ from splatcore.spec.work import FEATURE, SLOT
 def point_counts(points: Points) -> dict[str, int]:
     """Expected counters of stages 0 and 1 after a frame."""
     return {
-        "chunks": len(points.read),
-        "skipped": int((~points.read).sum()),
+        "chunks": int(points.drawn.sum()),
+        "skipped": int((points.drawn & ~points.read).sum()),
         "points": len(points.points),
         "front": len(points.front),
         "inside": len(points.inside),

@@ -25,14 +25,19 @@ class Walk(wiring.Component):
     Asserts, for records that are not reported:
     - a header is passed on if its chunk is in no subtree of a group drawn before, and is of the
       finest level or of a group that is coarse enough; else it is dropped;
-    - after the last header the next frame begins as the first one did.
+    - after the last header the next frame begins as the first one did;
+    - the reader turns only to spare headers that would be dropped, and not while it is turning.
 
-    Assumes: the model is the same during a frame, and has fewer than 2^24 chunks.
+    Assumes: the model is the same during a frame, and has fewer than 2^24 chunks; the reader has
+    asked for the header that is awaited, and for none behind the last one; a header waits for a
+    cycle or more before it is drawn.
     """
 
     def __init__(self, valid: bool):
         self.valid, part = valid, Level()
-        members = {name: part.signature.members[name] for name in ("i", "levels", "last", "enough")}
+        members = {
+            name: part.signature.members[name] for name in ("i", "levels", "last", "enough", "turn")
+        }
         super().__init__(members | {"ready": In(1)})
         self.part = part
 
@@ -61,14 +66,31 @@ class Walk(wiring.Component):
         ]
         with m.If(passes(self.i) & self.levels):
             m.d.sync += header.eq(~header)
+        turning, turn, target = Signal(), Signal(NUMBER_BITS), Signal(NUMBER_BITS)
+        m.d.comb += [
+            part.turn.eq(self.turn),
+            Assume((self.turn > number) & (self.turn <= self.last + 1)),
+            Assume(~part.begins | ~self.ready),
+            Assert(part.over == (turning & (number + 1 == turn))),
+            Assert((part.turning == turning) & (~turning | (part.until == turn))),
+            Assert(~turning | ((number < turn) & (turn < target) & part.skips)),
+            Assert(~turning | ((target == part.end + 1) & (part.end <= self.last))),
+            Assert(~part.jump | ~turning & (self.turn < part.target)),
+        ]
+        with m.If(part.jump):
+            m.d.sync += [turning.eq(1), turn.eq(self.turn), target.eq(part.target)]
         with m.If(done):
             m.d.sync += number.eq(Mux(number == self.last, 0, number + 1))
+            with m.If(part.over):
+                m.d.sync += [number.eq(Mux(target == self.last + 1, 0, target)), turning.eq(0)]
         before = Signal()  # the record before is of the same group
         wrong = Mux(coarse, record.jump <= number + 1, record.jump != number + 1)
         wrong |= (record.jump > self.last + 1) | (~coarse & (before | ~record.last))
         reported = Signal()
         with m.If(passes(self.i) & is_record):
             m.d.sync += before.eq(coarse & ~record.last)
+        with m.If(done & part.over):
+            m.d.sync += before.eq(0)
         m.d.sync += reported.eq(passes(self.i) & is_record & wrong)
         m.d.comb += Assert(part.fault == reported)
         m.d.comb += Assert((part.of_header == header) & (part.again == before))
@@ -97,7 +119,8 @@ class Walk(wiring.Component):
             m.d.sync += chosen.eq(~left_out & (~coarse | decision))
             with m.If(~left_out & coarse & decision & record.last):
                 m.d.sync += until.eq(record.jump)
-        with m.If(passes(self.i) & header & (number == self.last)):
+        ends = (number == self.last) | (part.over & (until == self.last + 1))
+        with m.If(passes(self.i) & header & ends):
             m.d.sync += until.eq(0)
 
 
@@ -109,13 +132,28 @@ FAULTS = planted_in(
         "a jump from the first of a group": ("drawn & coarse & record.last", "drawn & coarse"),
         "a jump to the chunk before": ("record.jump - 1", "record.jump - 2"),
         "a finer chunk at the own place": ("end <= self.number", "end < self.number"),
-        "a jump beyond the end": ("wrong | (end > self.last)", "wrong"),
+        "a jump beyond the end": ("wrong |= end > self.last", ""),
         "a dropped header waits": ("self.o.ready | ~on", "self.o.ready"),
         "a record comes as a header": ("(self.of_header & self.drawn)", "self.drawn"),
+        "a group goes on behind a turn": ("m.If(self.over)", "m.If(0)"),
+        "headers are dropped after a turn": (
+            "(self.number == self.end) | self.over",
+            "self.number == self.end",
+        ),
+    },
+    _jump={
+        "a turn after a wrong record": ("~self.of_header & ~wrong", "~self.of_header"),
+        "a turn to the last one left out": ("self.end + 1", "self.end"),
+        "a turn back": ("] < self.end", "] <= self.end"),
+        "a turn one header late": ("self.number + 1 ==", "self.number =="),
     },
 )
 
-REPORTED = ("a finer chunk at the own place", "a jump beyond the end")
+REPORTED = (
+    "a finer chunk at the own place",
+    "a jump beyond the end",
+    "a turn after a wrong record",
+)
 
 PROOF = Proof(
     {"any": Part(lambda: Walk(False)), "valid": Part(lambda: Walk(True), cover=14)},

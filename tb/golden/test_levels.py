@@ -135,15 +135,21 @@ def test_coarser_levels_cost_less(models):
 
 
 def test_cycles_of_levels(models):
-    """A group is tested like a header; others that are not drawn wait for memory."""
+    """A group is tested like a header; other records and headers take four cycles each, until the
+    reader has turned."""
     found = [project_points(DEFAULT, each, replace(FAR, lod_pixels=1.0), False) for each in models]
     assert not level_costs(DEFAULT, found[0], 80).any()
-    tested = found[1].tested
-    plan, drawn = schedule(DEFAULT, program("chunk")), found[1].drawn
-    for latency, dropped in ((4, 8), (80, 12)):
+    tested, drawn = found[1].tested, found[1].drawn
+    test = schedule(DEFAULT, program("chunk")).length + 17
+    for latency, wait in ((4, 0), (80, 48)):
         costs = level_costs(DEFAULT, found[1], latency)
-        assert (costs[tested] == 3 * plan.interval).all() and tested.any()
-        assert (costs[~tested] == np.where(drawn[~tested], 0, dropped)).all()
+        assert tested.any() and (costs[tested] == test + 4 * ~drawn[tested]).all()
+        assert (costs[drawn & ~tested] == 4).all()
+        left, at = np.flatnonzero(~drawn & ~tested), 0
+        for run in np.split(left, np.flatnonzero(np.diff(left) > 1) + 1):
+            at = max(at, len(run))
+            assert costs[run].tolist() == ([8] * 8 + [wait] + [0] * len(run))[: len(run)]
+        assert at > 10
 
 
 def test_budget(models):

@@ -198,5 +198,7 @@ def check_reading(
         beats = [(first * wide, count * wide) for first, count in asked]
         expected[f"bursts__{k}"] = burst_rows(config, divided(asked, unit))
         inputs[f"beats__{k}"] = image.beats(places(beats)).reshape(-1, axi.port_bytes(config))
-    case = Case(inputs, expected, {"start": np.array([1, 0]), "base": image.base})
+    constants = {"start": np.array([1, 0]), "base": image.base}
+    constants |= {"jump": 0, "target": 0} if config.levels else {}
+    case = Case(inputs, expected, constants)
     return case.check(compiled(Reading, config), "model.", **options)

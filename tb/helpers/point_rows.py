@@ -15,7 +15,15 @@ from splatcore.spec.frame import CAMERA, FrameConstants
 from splatcore.spec.memory import ATTRIBUTE_BITS, CHUNK, CHUNK_HEADER, CODEBOOK_WORD, chunk_sizes
 from splatcore.spec.number import Bits
 from splatcore.spec.packed import PackedModel
-from splatcore.spec.point import EXPONENT, FETCH, WANTED, chunk_record, point_record, splat_record
+from splatcore.spec.point import (
+    EXPONENT,
+    FETCH,
+    NUMBER_BITS,
+    WANTED,
+    chunk_record,
+    point_record,
+    splat_record,
+)
 from splatcore.spec.record import Array, Record
 
 BEAT = ATTRIBUTE_BITS // 8  # bytes of a memory beat
@@ -191,5 +199,6 @@ def registers(config: Config, frame: FrameConstants, model: PackedModel) -> dict
         "small": int(model.format.small),
         "exponent": exponents(model),
     })  # fmt: skip
-    of_levels = {"levels": int(model.format.levels)}
+    # a reader that has asked for all headers
+    of_levels = {"levels": int(model.format.levels), "turn": (1 << NUMBER_BITS) - 1}
     return {"frame": of_frame.as_bits(), "model": of_model.as_bits()} | of_levels

@@ -9,7 +9,7 @@ from splatcore.golden.pipeline import render
 from splatcore.hdl.points.preprocess import Preprocess
 from splatcore.sim.cycles.preprocessing import preprocessing_cycles
 from splatcore.sim.machine.machine import Job
-from splatcore.sim.machine.script import IDEAL
+from splatcore.sim.machine.script import IDEAL, LPDDR4
 from splatcore.sim.soak.fault_kinds import check_outcome, drawn
 from splatcore.sim.soak.fault_runs import run_fault
 from tb.helpers.configs import ALPHA
@@ -37,16 +37,31 @@ def test_levels_in_turn(away):
     assert drawn[1] == CHUNKS > drawn[3]
 
 
-@pytest.mark.parametrize("pixels", [0.0, 0.25])
-def test_cycles_of_a_view_of_nothing(pixels):
-    """Only headers and records are read: as many cycles as in the cycle model, within 3 %."""
+def test_the_reader_turns():
+    """Of the subtrees of groups that are drawn, headers on their way are all that is read."""
     _, model = clouds(ALPHA, 120)
-    away = replace(view(), translation=np.array([0, 0, -1000.0]), lod_pixels=pixels)
-    run = check(ALPHA, [Job(model, away)], IDEAL)
-    frame = render(ALPHA, model, away)
-    assert not frame.counts["points_read"]
-    found = preprocessing_cycles(ALPHA, frame, IDEAL.latency)
-    assert found == pytest.approx(run.preprocessing_cycles[0], rel=0.03)
+    camera = replace(view(), translation=np.add(view().translation, [0, 0, 10]))
+    jobs = [Job(model, replace(camera, lod_pixels=pixels)) for pixels in (1.0, 0.8, 9.0)]
+    for timing in (LPDDR4, ROUGH):
+        check(ALPHA, jobs, timing)
+    read = check(ALPHA, jobs[-1:], IDEAL).report.traffic["read_model"]
+    layout, headers = model.layout, 16 * model.format.header_stride
+    assert read < layout.chunks + layout.end - layout.colours + headers
+
+
+@pytest.mark.parametrize("levels", [False, True])
+def test_cycles_of_a_view_of_nothing(levels):
+    """Only headers and records are read: 60 more take as many cycles as in the cycle model, within
+    3 %."""
+    away = replace(view(), translation=np.array([0, 0, -1000.0]))
+    taken, modelled = [], []
+    for chunks in (60, 120):
+        model = clouds(ALPHA, chunks)[levels]
+        taken.append(check(ALPHA, [Job(model, away)], IDEAL).preprocessing_cycles[0])
+        frame = render(ALPHA, model, away)
+        modelled.append(preprocessing_cycles(ALPHA, frame, IDEAL.latency))
+        assert not frame.counts["points_read"]
+    assert np.diff(modelled) == pytest.approx(np.diff(taken), rel=0.03)
 
 
 def test_a_record_in_a_wrong_order_is_reported():
