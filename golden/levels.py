@@ -8,7 +8,7 @@ from splatcore.golden.program import run
 from splatcore.spec.camera import LOD_MAX, Camera
 from splatcore.spec.config import Config
 from splatcore.spec.frame import FrameConstants, frame_constants
-from splatcore.spec.levels import jumped
+from splatcore.spec.levels import jumped, wider
 from splatcore.spec.memory import chunk_count, chunk_sizes
 from splatcore.spec.microprogram import program
 from splatcore.spec.packed import PackedModel
@@ -30,10 +30,14 @@ def cut(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[np.n
     way = levels["centre"].astype(np.int64) - frame.camera  # [C, 3] grid steps
     ray = round_(np.ldexp(way.astype(np.float64), model.value("position_exponent")))
     fields = dict(zip(RAY, ray.T, strict=True)) | {"inward": -round_(levels["radius"])}
-    most = run(config, program("level"), frame.constants | fields)["error_max"]
-    coarse = levels["error"] > 0
-    enough = coarse & (round_(levels["error"]) < most)
-    visited = ~jumped(levels, enough)
+    fields["around"] = round_(levels["around"])
+    fields["wide"] = wider(config.arithmetic, frame.constants["guard_x"])
+    found = run(config, program("level"), frame.constants | fields)
+    coarse, out = levels["error"] > 0, np.zeros(len(ray), bool)
+    if model.format.position != "absolute" and config.culling == "all":
+        out = coarse & (levels["around"] > 0) & (np.abs(found["aside"]) > found["side"])
+    enough = coarse & ~out & (round_(levels["error"]) < found["error_max"])
+    visited = ~jumped(levels, enough | out)
     first = coarse & np.append(True, levels["last"][:-1] > 0)[: len(coarse)]
     return visited & (enough | ~coarse), visited & first
 

@@ -160,7 +160,7 @@ def chunk(config: Config, frame: FrameConstants, model: PackedModel) -> tuple[Va
     high = low + ((headers["extent"].astype(np.int64) + 1) << shift)
     ends = [round_(np.ldexp(end.astype(np.float64), exponent)) for end in (low, high)]
     ends = [outward(config.arithmetic, end, up) for up, end in enumerate(ends)]
-    fields: Values = {"chunk_reach": round_(headers["reach"])}
+    fields: Values = dict.fromkeys(("chunk_reach", "reach_y"), round_(headers["reach"]))
     for name, (constant, side) in CORNERS.items():
         falls = frame.constants[constant] < 0
         fields[name] = ends[falls != (side == "most")][:, int(name[-1])]

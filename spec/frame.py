@@ -25,6 +25,9 @@ GUARD_ROUNDINGS = 8
 It covers the errors of a point's x, y and bound together.
 """
 
+SURROUND_MARGIN = 1.01
+"""Margin of `surround`, for roundings and rotations that are not exact."""
+
 POWER_SCALE = float(np.log2(np.e) / 2)
 """E = log2(opacity) − Q · POWER_SCALE."""
 
@@ -79,6 +82,8 @@ def frame_constants(
     spread = np.hypot(focal, limit)  # half-extent at z = 1 of a reach of one scene unit, at most
     constants = fixed_constants(config) | {"antialiased": float(antialiased)}
     constants["lod"] = camera.lod_pixels / max(camera.fx, camera.fy)
+    # A centre moves by a scene unit: its x by focal[0], its bound by guard[0].
+    constants["surround"] = SURROUND_MARGIN * max(spread[0], guard[0] + focal[0])
     for axis, name in enumerate("xyz"):
         for k in range(3):
             constants[f"v{name}{k}"] = rows[axis, k]

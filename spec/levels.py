@@ -7,14 +7,18 @@ chunk header is a record (`LEVEL`); the records of a group are equal except for 
 visits the chunks in order:
 
 - A finest chunk (error 0) is drawn, subject to its bounds as in any model.
-- A group is coarse enough if error < lod · z − lod · radius: z is the depth of the sphere's centre
-  and lod = `Camera.lod_pixels` / max(fx, fy), all in `Config.arithmetic` (program `level`). If it
-  is, its chunks are drawn, and the walk goes on at `jump`. If not, they are skipped, and the walk
-  goes on with the first child.
+- A group is out of view if |x| > side: x and z are coordinates of its sphere's centre, and
+  side = z · wide + surround · around is as far as its Gaussians can reach sideways, with wide a
+  little above the guard band's slope (`wider`), for roundings. The walk goes on at `jump`. Machines
+  that skip no chunks beside the image do without this test.
+- Else it is coarse enough if error < lod · z − lod · radius with lod = `Camera.lod_pixels` /
+  max(fx, fy). If it is, its chunks are drawn, and the walk goes on at `jump`. If not, they are
+  skipped, and the walk goes on with the first child.
 
-So each place is drawn exactly once, whatever the errors, spheres and roundings are. If the sphere
-touches the plane through the camera, z ≤ radius and the group is refined: rounding keeps order.
-With 0 pixels only finest chunks are drawn.
+All is in `Config.arithmetic` (program `level`). So each place in view is drawn exactly once,
+whatever the errors, spheres and roundings are. If the sphere touches the plane through the camera,
+z ≤ radius and the group is refined: rounding keeps order. With 0 pixels only finest chunks are
+drawn.
 """
 
 from collections.abc import Iterator
@@ -22,8 +26,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from splatcore.spec.memory import CHUNK_HEADER, LEVEL_SIZE, ORIGIN_BITS, REACH
-from splatcore.spec.number import Bits, Fixed
+from splatcore.spec.number import Bits, Fixed, Float
 from splatcore.spec.record import Array, Record
+
+WIDER_BITS = 6  # wide is up to 2^-6 above the guard band's slope
 
 PER_GROUP = 2
 """Coarser chunks of a group. They are whole: only the model's last chunk may be short."""
@@ -33,7 +39,10 @@ LEVEL = Record(
     {
         "centre": Array(Fixed(ORIGIN_BITS - 1, 0, signed=True), 3),  # grid steps
         "last": Bits(1),  # the next chunk is of another group; set in finest chunks
-        "spare": Bits(22),
+        # radius and reach of the subtree's farthest-reaching Gaussian, at least; 0: unknown, and
+        # the group is never out of view
+        "around": REACH,
+        "spare": Bits(22 - REACH.width),
         "error": REACH,  # of the group, scene units; 0: a finest chunk
         "radius": REACH,  # of the sphere around the centres of the group's whole subtree
         "jump": Bits(24),  # number of the first chunk after the group's subtree
@@ -55,6 +64,12 @@ Levels = dict[str, np.ndarray]
 """Values [C] of the records' fields."""
 
 
+def wider(format: Float, guard: float) -> float:
+    """Return the slope for a guard band's: its code plus 2^-`WIDER_BITS` of its leading bit."""
+    code = format.encode(np.array([guard])) + (1 << format.fraction - WIDER_BITS)
+    return float(format.decode(code)[0])
+
+
 def fault(levels: Levels, chunk_beats: np.ndarray) -> tuple[str, str] | None:
     """Return the field of a record that contradicts the others, and why; None if none does.
 
@@ -65,7 +80,7 @@ def fault(levels: Levels, chunk_beats: np.ndarray) -> tuple[str, str] | None:
         return None
     number, jump = np.arange(count), levels["jump"].astype(np.int64)
     first = np.concatenate([[0], np.cumsum(chunk_beats)])
-    fields = ("centre", "radius", "error", "jump", "beats")
+    fields = ("centre", "radius", "around", "error", "jump", "beats")
     record = np.column_stack([levels[field].astype(np.float64) for field in fields])
     alike = np.zeros(count, bool)  # the next chunk has the same record
     alike[:-1] = (record[1:] == record[:-1]).all(1)

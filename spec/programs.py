@@ -11,9 +11,9 @@ from splatcore.spec.colour import BASIS_CONSTANTS, BASIS_OF, polynomials
 from splatcore.spec.compensation import COMPENSATION
 
 CHUNK = """
-# how far a Gaussian of the chunk reaches sideways at z = 1
+# how far a Gaussian of the chunk reaches sideways at z = 1; reach_y: chunk_reach
 margin_x = spread_x * chunk_reach
-margin_y = spread_y * chunk_reach
+margin_y = spread_y * reach_y
 
 # bounds of the points' camera coordinates. Each repeats the steps that its points will go through,
 # from the corner of the chunk with the lowest or highest value. As rounding keeps the order of
@@ -34,6 +34,11 @@ LEVEL = """
 margin = lod * inward
 middle = vz0 * ray_x + vz1 * ray_y + vz2 * ray_z
 error_max = middle * lod + margin
+
+# its centre's x, and how far sideways its Gaussians can reach, in the steps of x_low and far_y
+aside = vx0 * ray_x + vx1 * ray_y + vx2 * ray_z
+margin_side = surround * around
+side = middle * wide + margin_side
 """
 
 CULL = """
@@ -201,14 +206,14 @@ blue = slope_blue * length_inverse + colour_blue
 CONSTANTS = (
     "vx0 vx1 vx2 vy0 vy1 vy2 vz0 vz1 vz2 spread_x spread_y guard_x guard_y principal_x principal_y "
     "zero one limit_x limit_y wx0 wx1 wx2 wy0 wy1 wy2 wz0 wz1 wz2 blur reach_slope reach_full "
-    "power square_reach spread_least antialiased lod"
+    "power square_reach spread_least antialiased lod surround"
 ).split() + list(BASIS_CONSTANTS)
 """Inputs that are the same for all items."""
 
 SQUARE_CONSTANTS = ("square_reach", "spread_least")
 """Constants that only machines with the 3σ square need."""
 
-LEVEL_CONSTANTS = ("lod",)
+LEVEL_CONSTANTS = ("lod", "surround")
 """Constants that only machines with levels of detail need."""
 
 CORNERS = {
@@ -248,7 +253,7 @@ PROJECTIONS = {"project": "exact", "square": "3sigma"}
 
 TEXTS = {
     "chunk": (CHUNK, "margin_x margin_y z_high x_low x_high y_low y_high far_x far_y"),
-    "level": (LEVEL, "error_max"),
+    "level": (LEVEL, "error_max aside side"),
     "cull": (CULL, "z ray_x ray_y ray_z"),
     "cull_interval": (CULL + INTERVAL, "z farthest ray_x ray_y ray_z"),
     "place": (PLACE, "x y bound_x bound_y"),

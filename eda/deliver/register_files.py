@@ -12,7 +12,7 @@ from splatcore.spec import registers
 from splatcore.spec.axi import ID_BITS, READERS, WRITERS
 from splatcore.spec.config import Config
 from splatcore.spec.convention import FRUSTUM_MARGIN, NEAR_PLANE, PRINCIPAL_POINT_SHIFT, TILE
-from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS
+from splatcore.spec.frame import EXTENT_MARGIN, GUARD_ROUNDINGS, SURROUND_MARGIN
 from splatcore.spec.memory import ALIGNMENT, HEADER
 from splatcore.spec.number import Float
 from splatcore.spec.registers import ErrorCode, Register, frame_registers, high_registers
@@ -184,6 +184,7 @@ def camera_constants(config: Config) -> dict[str, float]:
         "FRUSTUM_MARGIN": FRUSTUM_MARGIN,
         "PRINCIPAL_POINT_SHIFT": PRINCIPAL_POINT_SHIFT,
         "EXTENT_MARGIN": EXTENT_MARGIN,
+        "SURROUND_MARGIN": SURROUND_MARGIN,
         "GUARD_FACTOR": 1 + GUARD_ROUNDINGS * config.arithmetic.epsilon,
         "BACKGROUND_FULL": (256 << config.colour_fraction) / 255,
     }

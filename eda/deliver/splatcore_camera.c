@@ -74,6 +74,12 @@ static void put_lens(struct splatcore_view *found, const struct splatcore_camera
         };
         for (int k = 0; k < 4; k++)
             put(found, screen[axis][k], splatcore_number(values[k]));
+#ifdef SPLATCORE_CONSTANT_SURROUND
+        if (axis == 0)
+            put(found, SPLATCORE_CONSTANT_SURROUND,
+                splatcore_number(SPLATCORE_SURROUND_MARGIN *
+                                 larger(values[1], values[0] + focal[0])));
+#endif
     }
 #ifdef SPLATCORE_CONSTANT_LOD
     put(found, SPLATCORE_CONSTANT_LOD,

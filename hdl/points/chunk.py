@@ -9,19 +9,16 @@ from splatcore.hdl.arithmetic.convert import Convert, FromFixed, converted
 from splatcore.hdl.lib.record import layout, same_fields, stream_of
 from splatcore.hdl.lib.stream import judged
 from splatcore.hdl.points.array import Array
-from splatcore.hdl.points.level import BEATS_BITS, Level
+from splatcore.hdl.points.level import BEATS_BITS, Level, level_ports
 from splatcore.hdl.points.state import ModelState, frame_state
 from splatcore.spec import microprogram, point, programs
 from splatcore.spec.colour import LAYOUTS
 from splatcore.spec.config import Config
-from splatcore.spec.levels import LEVEL
+from splatcore.spec.levels import LEVEL, WIDER_BITS
 from splatcore.spec.memory import CHUNK, CHUNK_HEADER, EXPONENT_MAX, EXTENT_SHIFT, REACH
 from splatcore.spec.programs import CORNER_STEPS
 
 AXES = "xyz"
-
-LEVEL_PORTS = ("fault", "turn", "jump", "target")
-"""Ports of `hdl.points.level.Level` that reach the reader and the control around it."""
 
 CONVERT_LATENCY = 4  # cycles from grid steps to a float
 
@@ -44,8 +41,9 @@ class Chunk(wiring.Component):
     bounds; then no chunk is skipped.
 
     With `Config.levels` it also chooses levels (`hdl.points.level`). A record is tested like a
-    header: its sphere's centre replaces both ends and its radius the reach, and the constant lod
-    those of margin and guard band, so that far_x is the largest error (`spec.programs.LEVEL`).
+    header: its sphere's centre replaces both ends, and its radius and `around` the reaches. With
+    other constants far_x is the largest error, and far_y how far its Gaussians reach along x
+    (`spec.programs.LEVEL`).
 
     **Timing**: one PE; a header every `plan.length` + 17 cycles (`DEFAULT`: 40, while the points of
     a full chunk take 1024). One header at a time, so its numbers need not be carried along. A
@@ -62,11 +60,7 @@ class Chunk(wiring.Component):
             "o": Out(stream_of(point.chunk_record(config))),
             "taken": Out(1),  # a header of a drawn level is done, kept or skipped, for one cycle
         }
-        if config.levels:
-            self.level = Level()
-            ports |= {"levels": In(1)}  # the model has levels
-            ports |= {name: self.level.signature.members[name] for name in LEVEL_PORTS}
-        super().__init__(ports)
+        super().__init__(ports | level_ports(config))
 
     def elaborate(self, platform) -> Module:
         m = Module()
@@ -81,7 +75,7 @@ class Chunk(wiring.Component):
 
     def _levels(self, m: Module) -> stream.Interface:
         """Headers that the view draws, and records to be tested."""
-        m.submodules.level = level = self.level
+        m.submodules.level = level = self.level = Level()
         connect(m, flipped(self).i, level.i)
         m.d.comb += [
             level.levels.eq(self.levels),
@@ -114,9 +108,10 @@ class Chunk(wiring.Component):
         done = step[-1]
         high = step[len(AXES) + CONVERT_LATENCY + 1 :].any()  # the converter outputs a high end
         origin = _chosen(low_ends | high_ends, header.origin).as_signed()
+        spans = Cat(self._header(one) for one in high_ends)  # the ends of records are the same
         eye = _chosen(low_ends | high_ends, self.frame.camera).as_signed()
         # The largest offset with this extent is below the smallest offset with the next extent.
-        end = (_chosen(high_ends, header.extent) + high_ends.any()) << EXTENT_SHIFT
+        end = (_chosen(spans, header.extent) + spans.any()) << EXTENT_SHIFT
         span = (end << _chosen(high_ends, header.shift))[: point.AWAY.width]
         m.d.sync += way.eq(origin + span - eye)
         m.d.comb += [convert.i.eq(way), convert.enable.eq(1)]
@@ -149,12 +144,11 @@ class Chunk(wiring.Component):
         reach = Convert(REACH, self.config.arithmetic, 0)
         m.d.comb += [
             fields.chunk_reach.eq(converted(m, "reach", reach, self.headers.payload.reach)),
+            fields.reach_y.eq(fields.chunk_reach),
             self.array.i.valid.eq(done & ~inside),
         ]
         for name, (constant, side) in programs.CORNERS.items():
             falls, axis = self.frame.constants[constant][-1], int(name[-1])
-            if self.config.levels and name.startswith("z"):
-                falls |= self.level.tests
             least, most = Mux(falls, high[axis], low[axis]), Mux(falls, low[axis], high[axis])
             m.d.comb += fields[name].eq(least if side == "least" else most)
         with m.If(self.array.i.valid & self.array.i.ready):
@@ -163,9 +157,22 @@ class Chunk(wiring.Component):
             m.d.sync += inside.eq(0)
         m.d.comb += same_fields(self.array.constants, self.frame.constants)
         if self.config.levels:
-            lod, constants = self.frame.constants.lod, self.array.constants
+            given, constants = self.frame.constants, self.array.constants
+            format = self.config.arithmetic
+            convert = Convert(REACH, format, 0)
+            around = converted(m, "around", convert, self._record().around)
             with m.If(self.level.tests):
-                m.d.comb += [constants.guard_x.eq(lod), constants.spread_x.eq(Cat(lod[:-1], 1))]
+                m.d.comb += [
+                    fields.reach_y.eq(around),
+                    constants.guard_x.eq(given.lod),
+                    constants.spread_x.eq(Cat(given.lod[:-1], 1)),
+                    constants.guard_y.eq(given.guard_x + (1 << format.fraction - WIDER_BITS)),
+                    constants.spread_y.eq(given.surround),
+                ]
+
+    def _record(self) -> data.View:
+        """The item at the input as a record of levels."""
+        return data.View(layout(LEVEL), Value.cast(self.headers.payload))
 
     def _give(self, m: Module):
         """Decide whether to keep the chunk, and pass it on."""
@@ -219,27 +226,32 @@ class Chunk(wiring.Component):
 
     def _keep(self, m: Module, found: data.View) -> Value:
         """High if the chunk is kept, or if the tested group is coarse enough."""
-        kept, format = self._kept(m, found), self.config.arithmetic
+        bounds, format = self._bounds(m, found), self.config.arithmetic
+        kept = Cat(bounds.values()).all() if bounds else Value.cast(1)
         if not self.config.levels:
             return kept
-        record = data.View(layout(LEVEL), Value.cast(self.headers.payload))
+        tests, record = self.level.tests, self._record()
+        beside = Cat(bounds[name] for name in bounds if name.startswith("x"))
+        m.d.sync += self.level.out.eq(record.around.any() & ~beside.all())
         error = converted(m, "error", Convert(REACH, format, 0), record.error)
         compare = compared(m, "compare_error", format, error, found.far_x)
-        return Mux(self.level.tests, compare.less, kept)
+        return Mux(tests, compare.less, kept)
 
-    def _kept(self, m: Module, found: data.View) -> Value:
-        """High if a point within the bounds can be in front of the near plane and in the guard
-        band.
+    def _bounds(self, m: Module, found: data.View) -> dict[str, Value]:
+        """High if a point within the bounds can be in front of the near plane, or inside the guard
+        band at one of its sides.
         """
         if self.config.position != "chunk" or self.config.culling == "none":
-            return Value.cast(1)
+            return {}
         pairs = {"front": (self.frame.near_plane, found.z_high)}
         for axis in "xy" if self.config.culling == "all" else "":
             far, high = found[f"far_{axis}"], found[f"{axis}_high"]
+            if self.config.levels and axis == "x":
+                far = Mux(self.level.tests, found.far_y, far)
             pairs[f"{axis}_low"] = (found[f"{axis}_low"], far)
             pairs[f"{axis}_high"] = (high ^ (1 << (len(high) - 1)), far)
-        holds = []
+        holds = {}
         for name, (less, more) in pairs.items():
             compare = compared(m, f"compare_{name}", self.config.arithmetic, less, more)
-            holds.append(compare.less if name == "front" else compare.less | compare.equal)
-        return Cat(holds).all()
+            holds[name] = compare.less if name == "front" else compare.less | compare.equal
+        return holds

@@ -2,11 +2,12 @@
 
 from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Member, Out
 
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import passes
 from splatcore.spec import point
+from splatcore.spec.config import Config
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK_HEADER
 
@@ -18,6 +19,19 @@ SPARED_BITS = 2
 at which it begins is in the same 4 as the last one that it spares."""
 
 
+def level_ports(config: Config) -> dict[str, Member]:
+    """Ports of the parts that choose levels inside, to control and reader; none without levels."""
+    if not config.levels:
+        return {}
+    return {
+        "levels": In(1),  # the model has levels
+        "fault": Out(1),  # a record contradicts its place, high for one cycle
+        "turn": In(point.NUMBER_BITS),  # of the first chunk whose header is not asked for yet
+        "jump": Out(1),  # the reader goes on at `target` instead, high for one cycle
+        "target": Out(point.NUMBER_BITS),
+    }
+
+
 class Level(wiring.Component):
     """Passes on the chunk headers that a view draws, and drops the others.
 
@@ -25,12 +39,14 @@ class Level(wiring.Component):
     on too, to be tested. The walk takes one item after the other, whatever the records contain, so
     no record can stop it.
 
-    Headers behind a group that is drawn are dropped up to its `jump`. If that is well beyond what
-    the reader has asked for, the reader turns there, and only the headers on their way are dropped.
+    Behind a group that is drawn or out of view headers are dropped up to its `jump`. If that is
+    well beyond what the reader has asked for, the reader turns there, and only the headers on their
+    way are dropped.
 
     Internal:
         of_header: the item at `i` is a header
         drawn: the header after the last record is drawn
+        ends: the group of the last record was drawn or out of view: none of its subtree is needed
         again: the last record has the next one in its group
         skips, end: headers are dropped up to and including that of this number
         begins: headers are dropped from the next one on
@@ -49,7 +65,9 @@ class Level(wiring.Component):
             "i": In(stream_of(CHUNK_HEADER)),
             "o": Out(stream_of(CHUNK_HEADER)),  # headers that are drawn, and records to be tested
             "tests": Out(1),  # a record is at `o`
-            "enough": In(1),  # its group is coarse enough; valid when the record is taken
+            # its group is coarse enough, or out of view; valid when the record is taken
+            "enough": In(1),
+            "out": In(1),
             "dropped": Out(1),  # a header is dropped, high for one cycle
             "fault": Out(1),  # a record contradicts its place, high for one cycle
             "turn": In(point.NUMBER_BITS),  # of the first header that has not been asked for
@@ -62,6 +80,7 @@ class Level(wiring.Component):
         }
         super().__init__(ports)
         self.of_header, self.drawn, self.again = Signal(), Signal(), Signal()
+        self.ends = Signal()
         self.skips, self.end = Signal(), Signal(point.NUMBER_BITS, reset_less=True)
         self.begins, self.turning = Signal(), Signal()
         self.until = Signal(point.NUMBER_BITS, reset_less=True)
@@ -78,9 +97,14 @@ class Level(wiring.Component):
             self.i.ready.eq(self.o.ready | ~on),
             self.dropped.eq(self.i.valid & self.of_header & ~on),
         ]
-        end, drawn = Signal.like(self.end), Signal()
+        end, drawn, ends = Signal.like(self.end), Signal(), Signal()
         m.d.comb += end.eq(record.jump - 1)
-        m.d.comb += drawn.eq(~self.skips & (~coarse | Mux(self.again, self.drawn, self.enough)))
+        m.d.comb += [
+            drawn.eq(
+                ~self.skips & (~coarse | Mux(self.again, self.drawn, self.enough & ~self.out))
+            ),
+            ends.eq(~self.skips & coarse & Mux(self.again, self.ends, self.enough | self.out)),
+        ]
         wrong = Mux(coarse, end <= self.number, (end != self.number) | self.again | ~record.last)
         wrong |= end > self.last
         m.d.sync += self.fault.eq(0)
@@ -89,7 +113,8 @@ class Level(wiring.Component):
             with m.If(~self.of_header):
                 m.d.sync += self.fault.eq(wrong)
                 m.d.sync += [self.drawn.eq(drawn), self.again.eq(coarse & ~record.last)]
-                with m.If(drawn & coarse & record.last):
+                m.d.sync += self.ends.eq(ends)
+                with m.If(ends & record.last):
                     m.d.sync += [self.skips.eq(1), self.end.eq(end), self.beats.eq(record.beats)]
             with m.Elif((self.number == self.end) | self.over):
                 m.d.sync += [self.skips.eq(0), self.turning.eq(0)]

@@ -9,9 +9,10 @@ from splatcore.hdl.lib.counters import count_events, counters_layout
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Fork, Queue, Slot, passes
-from splatcore.hdl.points.chunk import LEVEL_PORTS, Chunk
+from splatcore.hdl.points.chunk import Chunk
 from splatcore.hdl.points.codebook import codebook_line
 from splatcore.hdl.points.cull import Cull
+from splatcore.hdl.points.level import level_ports
 from splatcore.hdl.points.place import Place
 from splatcore.hdl.points.project import Project
 from splatcore.hdl.points.state import ModelState, frame_state
@@ -87,10 +88,7 @@ class Points(wiring.Component):
             # with a Gaussian, without one, and without one because splats were not taken
             "counters": Out(counters_layout(COUNTED)),
         }
-        if config.levels:
-            of_chunk = self.chunk.signature.members
-            ports |= {name: of_chunk[name] for name in ("levels", *LEVEL_PORTS)}
-        super().__init__(ports)
+        super().__init__(ports | level_ports(config))
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -31,7 +31,7 @@ def interleaved(models: Sequence[PackedModel], levels: Sequence[Groups]) -> Pack
     """
     finest, count = models[0], sum(model.count for model in models)
     format = replace(finest.format, levels=True)
-    place, codes = records(finest, levels)
+    place, codes = records(finest, levels, [model.chunks["reach"] for model in models])
     order = np.argsort(place)
     beats = np.concatenate([model.chunk_beats for model in models])[order]
     first = np.concatenate([[0], np.cumsum(beats)])
@@ -81,9 +81,14 @@ def runs(order: np.ndarray, beats: np.ndarray) -> np.ndarray:
     return np.repeat(begin - (np.cumsum(beats) - beats), beats) + np.arange(beats.sum())
 
 
-def records(finest: PackedModel, levels: Sequence[Groups]) -> tuple[np.ndarray, Codes]:
+def records(
+    finest: PackedModel, levels: Sequence[Groups], reaches: Sequence[np.ndarray]
+) -> tuple[np.ndarray, Codes]:
     """Return the place [C] of each chunk in the order of visits, and the codes [C] of the chunks'
-    records except `beats`; chunks are the finest ones, then each level's."""
+    records except `beats`; chunks are the finest ones, then each level's.
+
+    reaches: of the chunks of each level, scene units
+    """
     sizes = [np.ones(chunk_count(finest.count), np.int64)]  # chunks of each group's subtree
     for children, *_ in levels:
         sizes.append(PER_GROUP + np.add.reduceat(sizes[-1], children[:-1]))
@@ -99,15 +104,22 @@ def records(finest: PackedModel, levels: Sequence[Groups]) -> tuple[np.ndarray, 
     zeros = np.zeros(len(sizes[0]), np.uint64)
     fields = {"last": [zeros + 1], "jump": [starts[0] + 1]}
     fields |= {"centre": [np.zeros((len(zeros), 3), np.uint64)]}
-    fields |= {name: [zeros] for name in ("radius", "error")}
+    fields |= {name: [zeros] for name in ("radius", "around", "error")}
+    reach = reaches[0]  # of each group's subtree
     places = [starts[0]]
     step = np.ldexp(1.0, finest.value("position_exponent"))
-    for (_, error, low, high), start, size in zip(levels, starts[1:], sizes[1:], strict=True):
+    for level, own_reach, start, size in zip(
+        levels, reaches[1:], starts[1:], sizes[1:], strict=True
+    ):
+        children, error, low, high = level
         centre = np.rint((low + high) / 2 / step)
         away = np.maximum(high - centre * step, centre * step - low)
         radius = np.linalg.norm(away, axis=1)
         own = {"centre": LEVEL["centre"].encode(centre), "jump": start + size}
         own |= {"radius": upward(radius), "error": np.maximum(upward(error), 1)}
+        below = np.maximum.reduceat(reach, children[:-1])
+        reach = np.maximum(below, own_reach.reshape(-1, PER_GROUP).max(1))
+        own["around"] = upward(radius + reach)
         for name, values in own.items():
             fields[name].append(np.repeat(values, PER_GROUP, axis=0))
         within = np.tile(np.arange(PER_GROUP), len(start))

@@ -23,20 +23,21 @@ class Walk(wiring.Component):
     - exactly the records that contradict their place are reported.
 
     Asserts, for records that are not reported:
-    - a header is passed on if its chunk is in no subtree of a group drawn before, and is of the
-      finest level or of a group that is coarse enough; else it is dropped;
+    - a header is passed on if its chunk is in no subtree of a group drawn or out of view before,
+      and is of the finest level or of a group in view that is coarse enough; else it is dropped;
     - after the last header the next frame begins as the first one did;
     - the reader turns only to spare headers that would be dropped, and not while it is turning.
 
     Assumes: the model is the same during a frame, and has fewer than 2^24 chunks; the reader has
-    asked for the header that is awaited, and for none behind the last one; a header waits for a
-    cycle or more before it is drawn.
+    asked for the header that is awaited, and for none behind the last one; a header comes a
+    cycle or more behind its record.
     """
 
     def __init__(self, valid: bool):
         self.valid, part = valid, Level()
         members = {
-            name: part.signature.members[name] for name in ("i", "levels", "last", "enough", "turn")
+            name: part.signature.members[name]
+            for name in ("i", "levels", "last", "enough", "out", "turn")
         }
         super().__init__(members | {"ready": In(1)})
         self.part = part
@@ -56,6 +57,7 @@ class Walk(wiring.Component):
             part.levels.eq(self.levels),
             part.last.eq(self.last),
             part.enough.eq(self.enough),
+            part.out.eq(self.out),
             part.o.ready.eq(self.ready),
             Assume((number <= self.last) & ~self.last.all()),
             Assert(self.i.ready | (part.o.valid & ~self.ready) | ~self.i.valid),
@@ -70,7 +72,7 @@ class Walk(wiring.Component):
         m.d.comb += [
             part.turn.eq(self.turn),
             Assume((self.turn > number) & (self.turn <= self.last + 1)),
-            Assume(~part.begins | ~self.ready),
+            Assume(~part.begins | ~self.i.valid),
             Assert(part.over == (turning & (number + 1 == turn))),
             Assert((part.turning == turning) & (~turning | (part.until == turn))),
             Assert(~turning | ((number < turn) & (turn < target) & part.skips)),
@@ -106,10 +108,14 @@ class Walk(wiring.Component):
         coarse, until = record.error.any(), Signal(NUMBER_BITS + 1)
         left_out = number < until
         chosen = Signal()  # the last chunk is drawn, and its group if it is of one
-        decision = Mux(before, chosen, self.enough)
+        unseen = Signal()  # the last chunk's group is out of view
+        hidden = Mux(before, unseen, self.out)
+        decision = Mux(before, chosen, self.enough) & ~hidden
         m.d.comb += [
             Assert(~(self.i.valid & header) | (part.o.valid == chosen)),
             Assert((part.drawn == chosen) & (self.levels | (until == 0))),
+            Assert(~before | (part.ends == (chosen | unseen))),
+            Assert(~(chosen & unseen)),
             Assert(part.skips == left_out),
             Assert(~left_out | ((until == part.end + 1) & (part.end <= self.last))),
             Cover(part.dropped & (number == self.last) & (number == 4)),
@@ -117,7 +123,8 @@ class Walk(wiring.Component):
         ]
         with m.If(passes(self.i) & self.levels & ~header):
             m.d.sync += chosen.eq(~left_out & (~coarse | decision))
-            with m.If(~left_out & coarse & decision & record.last):
+            m.d.sync += unseen.eq(~left_out & coarse & hidden)
+            with m.If(~left_out & coarse & (decision | hidden) & record.last):
                 m.d.sync += until.eq(record.jump)
         ends = (number == self.last) | (part.over & (until == self.last + 1))
         with m.If(passes(self.i) & header & ends):
@@ -129,7 +136,13 @@ FAULTS = planted_in(
     elaborate={
         "chunks of a subtree are drawn": ("~self.skips & (~coarse", "(~coarse"),
         "chunks of a group decide alone": ("self.again, self.drawn,", "self.again, self.enough,"),
-        "a jump from the first of a group": ("drawn & coarse & record.last", "drawn & coarse"),
+        "a jump from the first of a group": ("ends & record.last", "ends"),
+        "a group out of view is drawn": ("self.enough & ~self.out", "self.enough"),
+        "a group out of view is refined": ("self.enough | self.out", "self.enough"),
+        "a group out of view is refined behind its first": (
+            "self.again, self.ends,",
+            "self.again, self.drawn,",
+        ),
         "a jump to the chunk before": ("record.jump - 1", "record.jump - 2"),
         "a finer chunk at the own place": ("end <= self.number", "end < self.number"),
         "a jump beyond the end": ("wrong |= end > self.last", ""),

@@ -24,6 +24,8 @@ from splatcore.spec.microprogram import constants, program
 from splatcore.spec.packed import PackedModel
 from splatcore.spec.registers import variable_constants
 from splatcore.spec.schedule import schedule
+from tb.helpers.configs import ALPHA
+from tb.helpers.level_models import clouds, views, with_records
 from tb.helpers.refusal import refused
 
 NONE = replace(DEFAULT, name="NONE", levels=False)
@@ -132,6 +134,19 @@ def test_coarser_levels_cost_less(models):
     cycles = [frame_cycles(DEFAULT, frame).frame for frame in frames]
     assert read[1] < 0.5 * read[0] and cycles[1] < 0.5 * cycles[0]
     assert psnr(frames[1].pixels / 255, exact) > 55
+
+
+def test_groups_out_of_view():
+    """They are left out: of a cloud of small Gaussians the same ones are projected, of fewer
+    chunks, from outside and inside, with narrow and wide lenses."""
+    _, model = clouds(ALPHA, 120, size=0.01)
+    unknown, spared = with_records(model, around=0), 0
+    for k, camera in enumerate(views(60)):
+        view = replace(camera, lod_pixels=k % 2)
+        some, all = (project_points(ALPHA, each, view, False) for each in (model, unknown))
+        assert np.array_equal(some.inside, all.inside)
+        spared += all.drawn.sum() - some.drawn.sum()
+    assert spared > 100
 
 
 def test_cycles_of_levels(models):

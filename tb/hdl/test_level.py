@@ -14,7 +14,7 @@ from splatcore.spec.memory import REACH, chunk_count, step_format
 from splatcore.spec.packed import PackedModel
 from tb.helpers.colour_rows import random_model
 from tb.helpers.configs import ALPHA
-from tb.helpers.level_models import LIMIT, STRAIGHT, at_depth_one, clouds, ties, with_records
+from tb.helpers.level_models import LIMIT, STRAIGHT, at_depth_one, clouds, ties, views, with_records
 from tb.helpers.point_rows import point_rows
 from tb.helpers.runs import compiled
 from tb.stages.points import GARDEN, check, point_case
@@ -66,6 +66,15 @@ def test_equal_errors():
     assert 2 < drawn(ties(model), STRAIGHT, 1).sum() < CHUNKS
 
 
+def test_groups_out_of_view():
+    _, model = clouds(ALPHA, 120, size=0.01)
+    unknown, spared = with_records(model, around=0), 0
+    for k, camera in enumerate(views(12)):
+        some, all = (drawn(each, camera, k % 2).sum() for each in (model, unknown))
+        spared += all - some
+    assert spared > 20
+
+
 @pytest.mark.parametrize("radius, enough", [(1.0, False), (1.0 - 2.0**-9, True), (4e9, False)])
 def test_spheres_at_the_camera(radius, enough):
     """A sphere that touches the plane through the camera is refined, at any number of pixels."""
@@ -88,6 +97,7 @@ def test_ends_of_the_formats():
         corner = rng.choice([-(2.0**39), -1, 0, 2.0**39 - 1], (len(coarse), 3))[first]
         fields = {"error": np.where(coarse, error, 0), "radius": radius}
         fields["centre"] = LEVEL["centre"].encode(corner)
+        fields["around"] = rng.choice(ends, len(coarse))[first]
         drawn(with_records(model, **fields), FAR, rng.choice([1e-3, 1, LOD_MAX]))
 
 

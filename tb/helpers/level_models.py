@@ -1,12 +1,13 @@
 """Models with levels of detail for tests, and models with other records in them."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from splatcore.model.levels.build import with_levels
 from splatcore.model.pack.pack import pack
-from splatcore.spec.camera import Camera
+from splatcore.spec.camera import Camera, look_at
 from splatcore.spec.config import Config
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK, REACH, chunk_count
@@ -16,11 +17,24 @@ from tb.helpers.model_bits import with_checksum
 
 
 @cache
-def clouds(config: Config, chunks: int, spread: float = 1.0) -> tuple[PackedModel, PackedModel]:
-    """A cloud of `chunks` chunks without levels, and with them."""
+def clouds(
+    config: Config, chunks: int, spread: float = 1.0, size: float = 1.0
+) -> tuple[PackedModel, PackedModel]:
+    """A cloud of `chunks` chunks without levels, and with them. size: factor of the Gaussians'"""
     scene = cloud(1, chunks * CHUNK - 30, degree=1, spread=spread)
+    scene = replace(scene, scale=size * scene.scale)
     plain, _ = pack(scene, config, quality="compact")
     return plain, with_levels(plain, config)[0]
+
+
+def views(count: int) -> list[Camera]:
+    """Cameras around and inside of a cloud, narrow and wide."""
+    rng, sizes = np.random.default_rng(0), [(64, 48), (640, 100), (48, 400)]
+    found = []
+    for k in range(count):
+        place, at = rng.normal(size=3) * rng.choice([0.5, 2, 5, 30]), rng.normal(size=3) * 2
+        found.append(look_at(place, at, *sizes[k % 3], rng.choice([5.0, 60.0, 140.0])))
+    return found
 
 
 def edited(model: PackedModel, **fields: np.ndarray | int) -> np.ndarray:

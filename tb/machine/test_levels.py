@@ -42,6 +42,7 @@ def test_the_reader_turns():
     _, model = clouds(ALPHA, 120)
     camera = replace(view(), translation=np.add(view().translation, [0, 0, 10]))
     jobs = [Job(model, replace(camera, lod_pixels=pixels)) for pixels in (1.0, 0.8, 9.0)]
+    jobs.insert(1, Job(clouds(ALPHA, 120, size=0.01)[1], replace(view(), lod_pixels=1.0)))
     for timing in (LPDDR4, ROUGH):
         check(ALPHA, jobs, timing)
     read = check(ALPHA, jobs[-1:], IDEAL).report.traffic["read_model"]
