@@ -159,14 +159,14 @@ class Chunk(wiring.Component):
         if self.config.levels:
             given, constants = self.frame.constants, self.array.constants
             format = self.config.arithmetic
-            convert = Convert(REACH, format, 0)
+            wide, convert = 1 << format.fraction - WIDER_BITS, Convert(REACH, format, 0)
             around = converted(m, "around", convert, self._record().around)
             with m.If(self.level.tests):
                 m.d.comb += [
                     fields.reach_y.eq(around),
                     constants.guard_x.eq(given.lod),
                     constants.spread_x.eq(Cat(given.lod[:-1], 1)),
-                    constants.guard_y.eq(given.guard_x + (1 << format.fraction - WIDER_BITS)),
+                    constants.guard_y.eq(given.guard_x + wide),
                     constants.spread_y.eq(given.surround),
                 ]
 

@@ -64,7 +64,7 @@ class Level(wiring.Component):
             # headers in the order of the model; records are in the same bits
             "i": In(stream_of(CHUNK_HEADER)),
             "o": Out(stream_of(CHUNK_HEADER)),  # headers that are drawn, and records to be tested
-            "tests": Out(1),  # a record is at `o`
+            "tests": Out(1),  # what is at `o` is a record
             # its group is coarse enough, or out of view; valid when the record is taken
             "enough": In(1),
             "out": In(1),
@@ -90,12 +90,12 @@ class Level(wiring.Component):
         record = data.View(layout(LEVEL), Value.cast(self.i.payload))
         coarse, on = record.error.any(), Signal()
         m.d.comb += [
-            self.tests.eq(self.levels & ~self.of_header & coarse & ~self.again & ~self.skips),
-            on.eq(~self.levels | self.tests | (self.of_header & self.drawn)),
+            self.tests.eq(self.levels & ~self.of_header),
+            on.eq(Mux(self.tests, coarse & ~self.again & ~self.skips, ~self.levels | self.drawn)),
             self.o.payload.eq(self.i.payload),
             self.o.valid.eq(self.i.valid & on),
             self.i.ready.eq(self.o.ready | ~on),
-            self.dropped.eq(self.i.valid & self.of_header & ~on),
+            self.dropped.eq(self.i.valid & ~self.tests & ~on),
         ]
         end, drawn, ends = Signal.like(self.end), Signal(), Signal()
         m.d.comb += end.eq(record.jump - 1)

@@ -147,7 +147,7 @@ FAULTS = planted_in(
         "a finer chunk at the own place": ("end <= self.number", "end < self.number"),
         "a jump beyond the end": ("wrong |= end > self.last", ""),
         "a dropped header waits": ("self.o.ready | ~on", "self.o.ready"),
-        "a record comes as a header": ("(self.of_header & self.drawn)", "self.drawn"),
+        "a record comes as a header": ("self.levels & ~self.of_header", "0"),
         "a group goes on behind a turn": ("m.If(self.over)", "m.If(0)"),
         "headers are dropped after a turn": (
             "(self.number == self.end) | self.over",
