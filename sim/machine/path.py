@@ -45,7 +45,7 @@ def target(camera: Camera, points: np.ndarray) -> np.ndarray:
 WHOLE = {ELABORATED: 23.0, COMPILING: 3.4}
 """Time from nothing to a program, in times until a phase begins."""
 
-SPEED = 12_600.0
+SPEED = 4e6
 """Cycles simulated in the time from nothing to a program: each follows the computer's speed and the
 machine's size."""
 
