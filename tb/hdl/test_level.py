@@ -9,6 +9,7 @@ from splatcore.hdl.points.chunk import Chunk
 from splatcore.sim.rtl.streams import Simulation
 from splatcore.spec.camera import LOD_MAX, Camera
 from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.frame import frame_constants
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import REACH, chunk_count, step_format
 from splatcore.spec.packed import PackedModel
@@ -73,6 +74,24 @@ def test_groups_out_of_view():
         some, all = (drawn(each, camera, k % 2).sum() for each in (model, unknown))
         spared += all - some
     assert spared > 20
+
+
+@pytest.mark.parametrize("around", [2.0**-20, 1.0])
+def test_groups_at_the_edge(around):
+    """Centres within 1/16 of the side beyond which groups are out of view."""
+    _, model = clouds(ALPHA, CHUNKS)
+    group = np.cumsum(np.append(True, model.levels["last"][:-1] > 0)) - 1
+    rng, step = np.random.default_rng(0), 2.0 ** model.value("position_exponent")
+    constants = frame_constants(ALPHA, STRAIGHT, 0, 0).constants
+    guard, surround = (constants[name] / constants["vx0"] for name in ("guard_x", "surround"))
+    side = 4 * guard + around * surround
+    for sign in (1, -1):
+        aside = sign * side * rng.uniform(15 / 16, 33 / 32, group[-1] + 1)
+        aside[0] = 0
+        centre = np.column_stack([aside, 0 * aside, 4 + 0 * aside]) / step
+        fields = {"centre": LEVEL["centre"].encode(centre[group]), "radius": 1}
+        edge = with_records(model, **fields, around=int(REACH.encode(around)))
+        assert 0 < drawn(edge, STRAIGHT, 0).sum() < CHUNKS
 
 
 @pytest.mark.parametrize("radius, enough", [(1.0, False), (1.0 - 2.0**-9, True), (4e9, False)])
