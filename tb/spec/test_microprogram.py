@@ -75,7 +75,8 @@ def test_invalid_line_is_quoted(line):
 
 
 INPUTS = {
-    "chunk": " ".join((*CORNERS, "chunk_reach")),
+    "chunk": " ".join((*CORNERS, "chunk_reach", "reach_y")),
+    "level": "ray_x ray_y ray_z inward around wide",
     "cull": "ray_x ray_y ray_z",
     "cull_interval": "ray_x ray_y ray_z chunk_reach",
     "place": "ray_x ray_y ray_z z margin_x margin_y",
