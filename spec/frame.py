@@ -82,7 +82,7 @@ def frame_constants(
     spread = np.hypot(focal, limit)  # half-extent at z = 1 of a reach of one scene unit, at most
     constants = fixed_constants(config) | {"antialiased": float(antialiased)}
     constants["lod"] = camera.lod_pixels / max(camera.fx, camera.fy)
-    # A centre moves by a scene unit: its x by focal[0], its bound by guard[0].
+    # If a centre moves by a scene unit, its x moves by focal[0] and its bound by guard[0] at most.
     constants["surround"] = SURROUND_MARGIN * max(spread[0], guard[0] + focal[0])
     for axis, name in enumerate("xyz"):
         for k in range(3):

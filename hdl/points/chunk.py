@@ -60,7 +60,7 @@ class Chunk(wiring.Component):
             "o": Out(stream_of(point.chunk_record(config))),
             "taken": Out(1),  # a header of a drawn level is done, kept or skipped, for one cycle
         }
-        super().__init__(ports | level_ports(config))
+        super().__init__(ports | level_ports(config.levels))
 
     def elaborate(self, platform) -> Module:
         m = Module()

@@ -7,7 +7,6 @@ from amaranth.lib.wiring import In, Member, Out
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import passes
 from splatcore.spec import point
-from splatcore.spec.config import Config
 from splatcore.spec.levels import LEVEL
 from splatcore.spec.memory import CHUNK_HEADER
 
@@ -19,9 +18,9 @@ SPARED_BITS = 2
 at which it begins is in the same 4 as the last one that it spares."""
 
 
-def level_ports(config: Config) -> dict[str, Member]:
-    """Ports of the parts that choose levels inside, to control and reader; none without levels."""
-    if not config.levels:
+def level_ports(levels: bool) -> dict[str, Member]:
+    """Ports to control and reader of a part that chooses levels; none if machines have none."""
+    if not levels:
         return {}
     return {
         "levels": In(1),  # the model has levels
@@ -58,7 +57,6 @@ class Level(wiring.Component):
 
     def __init__(self):
         ports = {
-            "levels": In(1),  # the model has levels
             "number": In(point.NUMBER_BITS),  # of the chunk at `i`
             "last": In(point.NUMBER_BITS),  # of the model's last chunk
             # headers in the order of the model; records are in the same bits
@@ -69,16 +67,11 @@ class Level(wiring.Component):
             "enough": In(1),
             "out": In(1),
             "dropped": Out(1),  # a header is dropped, high for one cycle
-            "fault": Out(1),  # a record contradicts its place, high for one cycle
-            "turn": In(point.NUMBER_BITS),  # of the first header that has not been asked for
-            # the reader goes on at `target` instead, high for one cycle
-            "jump": Out(1),
-            "target": Out(point.NUMBER_BITS),
             # behind the header at `i` comes that at `target`, with `beats` before its attributes
             "over": Out(1),
             "beats": Out(BEATS_BITS),
         }
-        super().__init__(ports)
+        super().__init__(ports | level_ports(True))
         self.of_header, self.drawn, self.again = Signal(), Signal(), Signal()
         self.ends = Signal()
         self.skips, self.end = Signal(), Signal(point.NUMBER_BITS, reset_less=True)

@@ -114,8 +114,8 @@ class ModelReader(wiring.Component):
 
     def _headers(self, m: Module):
         """Read header and codebooks first, then the chunk headers of two beats each."""
-        load, widths = self.load, [COUNT_BITS, RANGE_BITS]
-        fetch = self._reader(m, "model", widths[self.config.levels])
+        load = self.load
+        fetch = self._reader(m, "model", RANGE_BITS if self.config.levels else COUNT_BITS)
         m.submodules.beat = beat = Slot(axi.DATA_BITS)
         connect(m, fetch.o, beat.i)
         left = Signal.like(self.chunks)

@@ -88,7 +88,7 @@ class Points(wiring.Component):
             # with a Gaussian, without one, and without one because splats were not taken
             "counters": Out(counters_layout(COUNTED)),
         }
-        super().__init__(ports | level_ports(config))
+        super().__init__(ports | level_ports(config.levels))
 
     def elaborate(self, platform) -> Module:
         m = Module()

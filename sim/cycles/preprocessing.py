@@ -42,7 +42,8 @@ def chunk_interval(config: Config) -> int:
 def level_costs(config: Config, points: Points, latency: int) -> np.ndarray:
     """Cycles [C] per chunk in choosing levels, without those of headers that are drawn: a group is
     tested like a header; other records and headers are read, a beat every other cycle, and dropped.
-    Of the subtree of a group that is drawn, these are the ones on their way when the reader turns.
+    Behind a group that is drawn or out of view, these are the ones on their way when the reader
+    turns.
     Zeros without levels. latency: memory cycles from a request to its first beat"""
     tested, drawn = points.tested, points.drawn
     if not tested.any():
@@ -50,7 +51,7 @@ def level_costs(config: Config, points: Points, latency: int) -> np.ndarray:
     item = 2 * CHUNK_HEADER.size // BEAT
     costs = np.where(tested, chunk_interval(config), item) + np.where(drawn, 0, item)
     number, below = np.arange(len(drawn)), ~(drawn | tested)
-    behind = number - np.maximum.accumulate(np.where(below, -1, number))  # the chunk before the run
+    behind = number - np.maximum.accumulate(np.where(below, -1, number))  # place in a run, or 0
     turn = BEATS_WAITING // LEVEL_BEATS  # headers on their way
     costs[behind > turn] = 0
     return costs + (behind == turn + 1) * max(0, latency - 2 * BURST_BEATS)
