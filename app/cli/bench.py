@@ -28,7 +28,7 @@ from splatcore.sim.frame.reading import Reading
 from splatcore.sim.frame.shot import View
 from splatcore.sim.frame.size import parse_size
 from splatcore.sim.frame.source import VIEW_SIZE, check_fits, check_source
-from splatcore.sim.machine.script import TIMINGS, find_timing
+from splatcore.sim.machine.script import IDEAL, LPDDR4, find_timing
 from splatcore.spec.config import Config
 from splatcore.study.results.campaigns import SweepPoint
 from splatcore.study.results.fields import columns, with_names
@@ -129,7 +129,11 @@ def parse_lengths(text: str) -> tuple[int, ...]:
 def scenes_command(
     campaign: Campaign,
     timing: str = option(
-        "both", "NAME", "Memory model: 'ideal', 'lpddr4' or 'both'.", panel=MACHINE
+        "both",
+        "NAME",
+        "Memory model: 'ideal', 'lpddr4', 'both' of these, or 'lpddr4-80' with 80 % of the "
+        "bandwidth.",
+        panel=MACHINE,
     ),
     quality: str | None = QUALITY,
     config: Config = PRESET,
@@ -139,7 +143,7 @@ def scenes_command(
     Results already in DIR are kept as long as the machine's Verilog is the same. Exit status 1 if a
     picture differs from the golden model's.
     """
-    timings = list(TIMINGS.values()) if timing == "both" else [find_timing(timing)]
+    timings = [IDEAL, LPDDR4] if timing == "both" else [find_timing(timing)]
     found = campaign.views([config], quality)
     from splatcore.study.bench import scenes
 

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from splatcore.sim.machine.machine import Machine, Run
     from splatcore.sim.machine.waves import Recording, Window
 
-TIMING = option("lpddr4", "NAME", "Memory model: 'ideal' or 'lpddr4' (64 bits wide).", panel=RTL)
+TIMING = option(
+    "lpddr4", "NAME", "Memory model: 'ideal', 'lpddr4' (64 bits wide) or 'lpddr4-80' (80 % of its "
+    "bandwidth).", panel=RTL,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Scripts of the simulated host, and reports of their runs."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -76,7 +76,10 @@ or 80 cycles, is conservative: 18 ns to open a row, 17.5 ns to read, 5 ns for th
 interconnect. Not modelled: refresh, bus turnarounds, bank conflicts (10 to 30 % of the bandwidth).
 """
 
-TIMINGS = {timing.name: timing for timing in (IDEAL, LPDDR4)}
+LPDDR4_80 = replace(LPDDR4, name="lpddr4-80", bandwidth=0.8 * LPDDR4.bandwidth)
+"""LPDDR4 with a fifth of its bandwidth lost to what is not modelled."""
+
+TIMINGS = {timing.name: timing for timing in (IDEAL, LPDDR4, LPDDR4_80)}
 
 
 def find_timing(name: str) -> Timing:

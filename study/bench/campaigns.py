@@ -134,15 +134,17 @@ def confirm(points: list[Point], facts: dict, view: View, folder: Path):
 STEPS = {
     "none": {
         "culling": "none", "skip_zeros": False, "early_termination": False, "faint": (), "pes": 6,
-        "port": 128,
+        "port": 128, "lanes": "block", "rasterizers": 4,
     },
     "+ near-plane culling": {"culling": "near"},
     "+ guard band": {"culling": "all"},
     "+ zero skipping": {"skip_zeros": True},
     "+ early termination": {"early_termination": True},
     "+ nothing too faint": {"faint": DEFAULT.faint},
-    "+ nine PEs": {"pes": DEFAULT.pes},
+    "+ nine PEs": {"pes": 9},
     "+ port of 256 bits": {"port": DEFAULT.port},
+    "+ fourteen PEs": {"pes": DEFAULT.pes},
+    "+ lanes in quads": {"lanes": DEFAULT.lanes, "rasterizers": DEFAULT.rasterizers},
 }  # fmt: skip
 """Fields that each step changes in the step before. Names as in the paper's ablation, followed by
 steps of Splatcore's own.

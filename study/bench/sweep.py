@@ -23,6 +23,8 @@ from splatcore.study.bench.campaign import Task
 
 LANES = {"block": 16, "quads": 8}  # of a rasterizer
 
+PES = (9, DEFAULT.pes)  # a Gaussian every 6 cycles, every 4
+
 
 @dataclass(frozen=True)
 class Point:
@@ -82,11 +84,11 @@ def points() -> Iterator[Point]:
         yield changed("key", bits, sort_digits=(1,) * bits)
     for name, changes in RASTER_FORMATS.items():
         yield changed("raster format", name, **changes)
-    for kind, own in LANES.items():
-        for count in (16, 32, 64, 128):
-            point = changed("lanes", f"{count}, {kind}", rasterizers=count // own, lanes=kind)
-            if point.fields:  # not DEFAULT itself
-                yield point
+    for (kind, own), count, pes in product(LANES.items(), (16, 32, 64, 128), PES):
+        name = f"{count}, {kind}, {pes} PEs"
+        point = changed("lanes", name, rasterizers=count // own, lanes=kind, pes=pes)
+        if point.fields:  # not DEFAULT itself
+            yield point
     for limit, below in product(LIMITS, FAINT):
         faint = DEFAULT.faint._replace(dark=limit, taken=below)
         if faint != DEFAULT.faint:
@@ -95,8 +97,7 @@ def points() -> Iterator[Point]:
         name = f"the rest below 1/{1 << end}"
         yield changed("faint", name, faint=DEFAULT.faint._replace(ends=end))
     yield changed("faint", "off", faint=())
-    for count in (6, 9):
-        yield changed("PEs", count, pes=count)
+    yield changed("PEs", 6, pes=6)
     for count in (1, 2, 4):
         yield changed("sub-sorters", f"{count}, OR-trees", sub_sorter="trees", sub_sorters=count)
     yield changed("port", "128 bits", port=128)
