@@ -29,6 +29,7 @@ from splatcore.hdl.raster.list_reader import LONG_BEATS_WAITING, LONG_BURST, Lis
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.pixels import Pixels
 from splatcore.hdl.raster.prepare import Prepare
+from splatcore.hdl.raster.quads import Quad
 from splatcore.hdl.raster.raster import Raster
 from splatcore.hdl.raster.rasterizer import Rasterizer
 from splatcore.hdl.raster.setup import Setup
@@ -97,5 +98,6 @@ PRIMITIVES: dict[str, Build] = {
     "lane": lambda config: Blend(config, raster.block_count(config), 1),
     "blend": lambda config: Blend(config, raster.block_count(config)),
     "rasterizer": lambda config: Rasterizer(config, 0),
+    "quad": Quad,
 }
 """Parts of the stages, each on its own."""

@@ -54,6 +54,7 @@ PATHS = {
         "mark": r"render\.raster\.mark",
         "evaluate": r"render\.raster\.rasterizer\d+\.evaluate",
         "blend": r"render\.raster\.rasterizer\d+\.blend",
+        "quad": r"render\.raster\.\w+_quad\d+",
         "rasterizer, the rest": r"render\.raster\.rasterizer\d+",
         "raster, the rest": r"render\.raster",
     },

@@ -87,6 +87,7 @@ def test_counts_of_a_file(saif):
 def test_parts():
     assert part_around("") == part_around("nobody") == "top, the rest"
     assert part_around("render.raster.rasterizer3.blend.sums") == "blend"
+    assert part_around("render.raster.lanes1_quad3.blend.sums") == "quad"
     assert part_around("preprocess.points.project.array") == "project"
 
 

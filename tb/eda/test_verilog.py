@@ -23,6 +23,7 @@ from splatcore.sim.rtl.convert import converted
 from splatcore.sim.rtl.streams import Simulation, StreamRuleError
 from splatcore.spec import config
 from splatcore.spec.config import DEFAULT, MEMORY_MAX, PAPER, TINY
+from splatcore.spec.quads import QUADS
 from tb.helpers.command import run
 from tb.helpers.runs import marked
 
@@ -143,20 +144,24 @@ def test_machines_of_full_size_are_clean(config, tmp_path):
 
 
 @pytest.mark.verify
-def test_parts_add_up_to_the_whole():
+@pytest.mark.parametrize(
+    "lanes, part, count", [("block", "blend", TINY.rasterizers), ("quads", "quad", QUADS)]
+)
+def test_parts_add_up_to_the_whole(lanes, part, count):
     """Each flip-flop is in exactly one part; equal parts share one netlist."""
-    hierarchy = machine_gates.netlist(TINY)
+    hierarchy = machine_gates.netlist(replace(TINY, lanes=lanes))
     about = machine_gates.examined(machine_gates.whole(hierarchy))
     assert about["faults"] == []
     work = machine_gates.pieces(hierarchy)
-    assert {piece.part for piece in work} == set(PARTS)
+    other = ({"blend", "quad"} - {part}).pop()
+    assert {piece.part.name for piece in work} == {each.name for each in PARTS} - {other}
     found = {each.part.name: machine_gates.flip_flops_before(each.netlist) for each in work}
     times = Counter(piece.part.name for piece in work)
-    assert times["blend"] == times["evaluate"] == TINY.rasterizers and times["chunk"] == 1
+    assert times["evaluate"] == TINY.rasterizers and times["chunk"] == 1 and times[part] == count
     counted = sum(count * times[name] for name, count in found.items())
     assert counted == about["flip_flops_before"] > 20_000
     texts = Counter(name for name, _ in {(each.part.name, each.netlist.text) for each in work})
-    assert texts["blend"] == texts["sub_sorter"] == 1
+    assert texts[part] == texts["sub_sorter"] == 1
     held = [memory for piece in work for memory in piece.netlist.memories]
     assert Counter(held) == Counter(machine_gates.whole(hierarchy).memories)
 
