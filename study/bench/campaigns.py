@@ -13,6 +13,7 @@ import numpy as np
 from splatcore.eda.gates.machine_gates import netlist, sizes
 from splatcore.eda.gates.synth import memories
 from splatcore.eda.paper import ABLATION
+from splatcore.hdl.raster.quads import SHARE
 from splatcore.hdl.stages import WHOLE
 from splatcore.sim.common.output import console
 from splatcore.sim.frame.shot import View
@@ -134,7 +135,7 @@ def confirm(points: list[Point], facts: dict, view: View, folder: Path):
 STEPS = {
     "none": {
         "culling": "none", "skip_zeros": False, "early_termination": False, "faint": (), "pes": 6,
-        "port": 128, "lanes": "block", "rasterizers": 4,
+        "port": 128,
     },
     "+ near-plane culling": {"culling": "near"},
     "+ guard band": {"culling": "all"},
@@ -144,7 +145,6 @@ STEPS = {
     "+ nine PEs": {"pes": 9},
     "+ port of 256 bits": {"port": DEFAULT.port},
     "+ fourteen PEs": {"pes": DEFAULT.pes},
-    "+ lanes in quads": {"lanes": DEFAULT.lanes, "rasterizers": DEFAULT.rasterizers},
 }  # fmt: skip
 """Fields that each step changes in the step before. Names as in the paper's ablation, followed by
 steps of Splatcore's own.
@@ -154,10 +154,19 @@ and guard band are separate steps here.
 """
 
 
+def ablation_steps(config: Config) -> dict[str, dict]:
+    """`STEPS`; of a machine in quads, with as many lanes by block until the last step."""
+    if config.lanes == "block":
+        return STEPS
+    block = {"lanes": "block", "rasterizers": config.rasterizers // SHARE}
+    quads = {name: getattr(config, name) for name in block}
+    return STEPS | {"none": STEPS["none"] | block, "+ lanes in quads": quads}
+
+
 def ablation_machines(config: Config) -> dict[str, Config]:
     """The machines of all steps; the last has all features on."""
     found, changes = {}, {}
-    for name, change in STEPS.items():
+    for name, change in ablation_steps(config).items():
         changes |= change
         found[name] = replace(config, name=f"{config.name}-{len(found)}", **changes)
     return found
@@ -187,7 +196,7 @@ def ablation(
         row["rtl_cycles"], row["rtl_identical"] = measured
     described = [
         {"name": name, "fields": change, "paper_fps": ABLATION.get(name)}
-        for name, change in STEPS.items()
+        for name, change in ablation_steps(config).items()
     ]  # fmt: skip
     about = {"preset": config.name, "size": views[0].size, "quality": views[0].quality}
     return about | {"steps": described, "rows": rows, "failed": failed}

@@ -20,13 +20,13 @@ from splatcore.sim.frame.choose import packed
 from splatcore.sim.frame.shot import Shot, View
 from splatcore.sim.frame.source import Source
 from splatcore.sim.machine.script import LPDDR4
-from splatcore.spec.config import DEFAULT, TINY
+from splatcore.spec.config import DEFAULT, PRESETS, TINY
 from splatcore.spec.convention import SPLATCORE
 from splatcore.spec.error import InputError
 from splatcore.study.bench import scenes
 from splatcore.study.bench.campaign import Failure, Task, results
 from splatcore.study.bench.campaigns import ablation_machines, confirmed, front, summary
-from splatcore.study.bench.sweep import SPEED, Point, measure, picture_of, points
+from splatcore.study.bench.sweep import LANES, SPEED, Point, measure, picture_of, points
 from tb.helpers.campaign_tasks import crash, die, double
 from tb.helpers.command import load
 from tb.helpers.command import run as command
@@ -159,6 +159,16 @@ def test_ablation(tmp_path):
     assert work[4]["contributions"] > work[5]["contributions"]
     frames = [row["cycles"]["frame"] for row in rows]
     assert frames == sorted(frames, reverse=True)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_ablation_keeps_the_lanes(name):
+    """Each preset has all steps with its number of lanes, the last with its lanes."""
+    config = PRESETS[name]
+    steps = list(ablation_machines(config).values())
+    lanes = {step.rasterizers * LANES[step.lanes] for step in [*steps, config]}
+    assert len(lanes) == 1
+    assert (steps[0].lanes, steps[-1].lanes) == ("block", config.lanes)
 
 
 def test_ablation_of_a_quality():
