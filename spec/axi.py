@@ -1,8 +1,7 @@
 """The machine's two AXI ports: their clients, IDs and bursts.
 
-One AXI4 master with `Config.port` data bits, which sends INCR bursts of full beats; only a splat's
-features are read as part of a beat, if the port is wider than they are. One AXI4-Lite slave
-(`spec.registers`).
+One AXI4 master with `Config.port` data bits, which sends INCR bursts of full beats. One AXI4-Lite
+slave (`spec.registers`).
 
 Inside the machine, addresses count beats of 128 bits, whatever the port's width. A beat of a wider
 port is two machine beats, the first at an even address. A reader's AXI ID is its index in
@@ -104,20 +103,13 @@ def port_bytes(config: Config) -> int:
     return config.port // 8
 
 
-def read_bytes(config: Config, reader: str) -> int:
-    """Return the bytes per beat that a reader receives; features are parts of port beats."""
-    return BEAT if reader == "features" else port_bytes(config)
-
-
 def read_record() -> Record:
     """A burst to be read.
 
     beat: address of its first machine beat
     length: port beats minus one
-    narrow: a single machine beat, in the part of a port beat that its address selects
     """
-    fields = {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS), "narrow": Bits(1)}
-    return Record("read", fields)
+    return Record("read", {"beat": Bits(BEAT_ADDRESS_BITS), "length": Bits(LENGTH_BITS)})
 
 
 def range_record(count_bits: int) -> Record:

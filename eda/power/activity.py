@@ -36,7 +36,7 @@ from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY
 
 FRAMES = 2
 
-SAMPLE_LENGTH = 4096
+SAMPLE_LENGTH = 1024
 """Cycles per window. A net that differs from the previous window counts as one change."""
 
 COUNTED = 1 << 17  # cycles of a frame that are sampled by default, about

@@ -148,13 +148,11 @@ class Axi(wiring.Component):
         below = exact_log2(spec.port_beats(self.config))  # bits within the port's beat
         burst = request.payload.burst
         window = [request.payload.window] if spec.window_bits(self.config) else []
-        part = Mux(burst.narrow, burst.beat[:below], 0)
         wires = {name: value for name, (_, value) in fixed(self.config).items()}
         wires |= {
             "id": request.payload.client,
-            "addr": Cat(Const(0, spec.BEAT_BITS), part[:below], burst.beat[below:], *window),
+            "addr": Cat(Const(0, spec.BEAT_BITS + below), burst.beat[below:], *window),
             "len": burst.length,
-            "size": Mux(burst.narrow, spec.BEAT_BITS, wires["size"]),
             "valid": request.valid,
         }
         for name, value in wires.items():

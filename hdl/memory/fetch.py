@@ -90,7 +90,7 @@ class Fetch(wiring.Component):
         to_boundary = Signal.like(beats)
         ends = rest.count <= to_boundary
         m.d.comb += [to_boundary.eq(self.burst - offset), self.i.ready.eq(~more)]
-        m.d.comb += [asks[k].eq(value) for k, value in burst.items()]  # never narrow
+        m.d.comb += [asks[k].eq(value) for k, value in burst.items()]
         asked = Signal()
         m.d.comb += asked.eq(passes(self.reads))
         with m.If(~more):

@@ -2,30 +2,33 @@
 
 from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect, flipped
 from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
-from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout, stream_of
 from splatcore.hdl.lib.stream import Queue, Register, passes, soon
 from splatcore.hdl.memory.axi import read_beat
+from splatcore.hdl.raster.recent import Recent
 from splatcore.spec import group, raster
 from splatcore.spec.axi import BEAT_ADDRESS_BITS, DATA_BITS, port_beats, read_record
 from splatcore.spec.config import Config
-from splatcore.spec.feature import feature_record
 
-FEATURES_WAITING = 64  # features in flight or waiting, to hide the latency of memory
-ENDS_WAITING = 8  # groups' ends among them
+WAITING = 62  # splats that wait for their features, to hide the latency of memory
+ROWS = WAITING + 2  # beats in flight or waiting; one more splat waits behind the queue
+KEPT = 64  # beats read before these in which features are found, if a beat has several
 
 
 class Features(wiring.Component):
     """Adds their features to sorted splats, in the same order.
 
     A splat's feature is read once for all tiles of a group, unless it is known that none of its
-    tiles has a live pixel any more.
+    tiles has a live pixel any more. If a beat of the port holds two features, it is read once for
+    both, should they be close in the order (`Recent`).
 
-    **Timing**: one splat per cycle, `FEATURES_WAITING` in flight.
+    **Timing**: one splat per cycle, `WAITING` in flight. Memories: a row per beat in flight,
+    waiting or kept.
     """
 
     def __init__(self, config: Config):
@@ -43,23 +46,23 @@ class Features(wiring.Component):
         }
         super().__init__(ports)
         self.known = Signal()  # `live` is about the group at `i`
+        self.kept = KEPT if port_beats(config) > 1 else 0
+        self.rows = ROWS + self.kept
+        self.recent = Recent(config, self.rows, self.kept)
 
     def elaborate(self, platform) -> Module:
         m = Module()
-        order = data.StructLayout({"mask": self.config.group**2, "end": 1})
-        depth = FEATURES_WAITING + ENDS_WAITING
-        m.submodules.order = waiting = Queue(order, depth, memory=True)
-        m.submodules.features = features = Queue(
-            layout(feature_record(self.config)), FEATURES_WAITING, memory=True
-        )
-        m.submodules.reserved = reserved = Credit(FEATURES_WAITING, "features in flight or waiting")
-        head = soon(m, "head", waiting.o, self.config.logic)
-        m.submodules.ends = ends = Credit(depth + 1, "ends of groups inside")  # one at `head`
-        taken = self._ask(m, waiting.i, reserved.room)
-        self._collect(m, features.i, taken)
+        m.submodules.recent = self.recent
+        waiting = {"mask": self.config.group**2, "end": 1, "new": 1}
+        waiting |= {"row": exact_log2(self.rows), "part": exact_log2(port_beats(self.config))}
+        m.submodules.order = order = Queue(data.StructLayout(waiting), WAITING, memory=True)
+        head = soon(m, "head", order.o, self.config.logic)
+        m.submodules.come = come = Credit(self.rows, "features that were asked for")
+        m.submodules.ends = ends = Credit(WAITING + 4, "ends of groups inside")
+        self._ask(m, order.i)
         m.d.comb += [
-            reserved.comes.eq(taken),
-            reserved.goes.eq(self._give(m, head, features.o)),
+            come.comes.eq(self.data.valid),
+            come.goes.eq(self._give(m, head, come.any)),
             ends.comes.eq(passes(self.i) & self.i.payload.end),
             ends.goes.eq(passes(self.o) & self.o.payload.end),
             self.known.eq(~ends.any),
@@ -67,62 +70,50 @@ class Features(wiring.Component):
         ]
         return m
 
-    def _ask(self, m: Module, order: stream.Interface, free: Value) -> Signal:
-        """Request a splat's feature when there is room for it (`free`).
-
-        Returns whether one is requested.
-        """
+    def _ask(self, m: Module, order: stream.Interface):
+        """Request a splat's beat, if it is new, when there is room for it."""
         m.submodules.reads = register = Register(layout(read_record()))
         connect(m, register.o, flipped(self.reads))
-        i, read, taken = self.i, register.i, Signal()
-        room = free & order.ready
+        i, seek, found, read = self.i, self.recent.i, self.recent.o, register.i
+        one, new = found.payload.sorted, found.payload.new
         drops = self.known & ~(i.payload.mask & self.live).any() & ~i.payload.end
         m.d.comb += [
-            read.valid.eq(i.valid & ~i.payload.end & room & ~drops),
-            read.payload.beat.eq(self.features_at + i.payload.splat),
-            read.payload.narrow.eq(port_beats(self.config) > 1),
-            taken.eq(read.valid & read.ready),
-            order.payload.mask.eq(i.payload.mask),
-            order.payload.end.eq(i.payload.end),
-            order.valid.eq(taken | (i.valid & i.payload.end)),
-            i.ready.eq(Mux(i.payload.end, order.ready, drops | (room & read.ready))),
+            seek.payload.eq(i.payload),
+            seek.valid.eq(i.valid & ~drops),
+            i.ready.eq(seek.ready | drops),
+            read.valid.eq(found.valid & new & order.ready),
+            read.payload.beat.eq(self.features_at + one.splat),
+            order.valid.eq(found.valid & (read.ready | ~new)),
+            found.ready.eq(order.ready & (read.ready | ~new)),
+            order.payload.mask.eq(one.mask),
+            order.payload.end.eq(one.end),
+            order.payload.new.eq(new),
+            order.payload.row.eq(found.payload.row),
+            order.payload.part.eq(one.splat),
         ]
-        return taken
 
-    def _collect(self, m: Module, features: stream.Interface, taken: Signal):
-        """Store the feature, which is in the requested part of the beat; there is always room.
+    def _give(self, m: Module, order: stream.Interface, come: Value) -> Value:
+        """Output splats with their features; return whether one with a new beat goes.
 
-        taken: a feature is requested
+        come: the beat of the first splat with a new one is there, and with it all beats before
         """
-        beats = port_beats(self.config)
-        part = 0
-        if beats > 1:
-            m.submodules.parts = parts = Queue(exact_log2(beats), FEATURES_WAITING, memory=True)
-            m.d.comb += [
-                parts.i.payload.eq(self.features_at + self.i.payload.splat),
-                parts.i.valid.eq(taken),
-                parts.o.ready.eq(self.data.valid),
-            ]
-            never_waits(m, "parts", parts.i, "a part of a beat: FEATURES_WAITING")
-            part = parts.o.payload
+        m.submodules.beats = beats = Memory(shape=self.config.port, depth=self.rows, init=[])
+        write, read, row = beats.write_port(), beats.read_port(), Signal(range(self.rows))
+        m.d.comb += [self.data.ready.eq(1), write.en.eq(self.data.valid), write.addr.eq(row)]
+        m.d.comb += write.data.eq(self.data.payload.beat)
+        m.d.sync += row.eq(row + self.data.valid)
+        o, goes, given = self.o, Signal(), Signal(order.payload.shape())
         m.d.comb += [
-            self.data.ready.eq(1),
-            features.valid.eq(self.data.valid),
-            features.payload.eq(self.data.payload.beat.word_select(part, DATA_BITS)),
+            order.ready.eq((~o.valid | o.ready) & (come | ~order.payload.new)),
+            goes.eq(passes(order)),
+            read.addr.eq(order.payload.row),
+            read.en.eq(goes),
+            o.payload.splat.eq(Mux(given.end, 0, read.data.word_select(given.part, DATA_BITS))),
+            o.payload.mask.eq(given.mask),
+            o.payload.end.eq(given.end),
         ]
-        never_waits(m, "features", features, "a feature: FEATURES_WAITING")
-
-    def _give(self, m: Module, order: stream.Interface, features: stream.Interface) -> Signal:
-        """Output splats with their features; return whether one leaves."""
-        o, given = self.o, Signal()
-        end = order.payload.end
-        m.d.comb += [
-            o.valid.eq(order.valid & (end | features.valid)),
-            o.payload.splat.eq(Mux(end, 0, features.payload)),
-            o.payload.mask.eq(order.payload.mask),
-            o.payload.end.eq(end),
-            order.ready.eq(o.ready & (end | features.valid)),
-            features.ready.eq(o.ready & order.valid & ~end),
-            given.eq(features.valid & features.ready),
-        ]
-        return given
+        with m.If(~o.valid | o.ready):
+            m.d.sync += o.valid.eq(goes)
+            with m.If(goes):
+                m.d.sync += given.eq(order.payload)
+        return goes & order.payload.new

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from splatcore.hdl.lib.record import stream_of
-from splatcore.hdl.lib.stream import Slot
+from splatcore.hdl.lib.stream import Register, Slot
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.memory.store import Store
 from splatcore.hdl.memory.window import client_windows
@@ -70,7 +70,7 @@ class Render(wiring.Component):
             connect(m, flipped(self.data[number]), part.data)
         for number, name in enumerate(WRITING):
             connect(m, getattr(self, name).writes, flipped(self.writes[number]))
-        m.submodules.entries = entries = Slot(deal.entries.payload.shape())  # as fast as dealing
+        m.submodules.entries = entries = Register(deal.entries.payload.shape())
         for source, target in (
             (groups.lists, deal.groups),
             (self.long_lists.o, entries.i),

@@ -9,7 +9,7 @@ from amaranth.utils import exact_log2
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.holds import never_waits
 from splatcore.hdl.lib.record import layout, stream_of
-from splatcore.hdl.lib.stream import Queue
+from splatcore.hdl.lib.stream import Queue, passes
 from splatcore.spec import sort
 from splatcore.spec.binning import group_record
 from splatcore.spec.config import Config
@@ -41,9 +41,9 @@ class State(enum.Enum):
 class Deal(wiring.Component):
     """Turns lists into jobs, and into the lists of entries that belong to them (`spec.sort`).
 
-    **Timing**: a list that fits on chip takes one cycle. An entry of a long list takes two cycles
-    in each round; in addition a round takes about 5 cycles per bucket and the memory's latency,
-    while earlier jobs are sorted. Memories: a count and a line per bucket. No multiplier.
+    **Timing**: a list that fits on chip takes one cycle; a long one in each round one per entry, 5
+    per bucket and the memory's latency, about, while earlier jobs are sorted. Memories: a count
+    and a line per bucket. No multiplier.
     """
 
     def __init__(self, config: Config):
@@ -68,19 +68,22 @@ class Deal(wiring.Component):
         self.lists_waiting = Queue(listed, sort.BUCKETS + JOBS_WAITING, memory=True)
         self.state, self.area = Signal(State), Signal(range(sort.AREAS))
         self.base, self.shift = Signal(key), Signal(shift)
-        self.next_base = Signal(key)  # for the next list
-        self.next_shift = Signal(shift, init=sort.shift_max(config))
+        # For the next list.
+        self.next_base, self.next_shift = Signal(key), Signal(shift, init=sort.shift_max(config))
         # Entries that have been issued: keys below `low`, and `skip` entries with key `low`.
         self.low, self.skip = Signal(key), Signal(COUNT_BITS)
         self.least, self.greatest = Signal(key), Signal(key)  # keys of the round
         self.high, self.extent = Signal(key), Signal(key)
-        self.rest, self.left = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to come; to be issued
-        self.more = Signal()  # entries are to come
+        self.left, self.rest = Signal(COUNT_BITS), Signal(COUNT_BITS)  # to be issued; to come
+        self.more = Signal()  # any are to come
         self.bucket, self.looked_up = Signal(sort.BUCKET_BITS), Signal(sort.BUCKET_BITS)
         self.held, self.full = Signal(entry, reset_less=True), Signal()  # the entry being dealt
+        self.before = Signal(entry, reset_less=True)  # the entry dealt before it
+        # It went to the same bucket while that was looked up; the next entry may follow.
+        self.again, self.moves = Signal(), Signal()
         self.count = Signal(range(self.half + 2))  # of the bucket looked up
         self.through, self.keep, self.ignored = Signal(), Signal(), Signal()  # the entry held
-        self.counted = Signal.like(self.count)  # the same, a cycle later
+        self.counted = Signal.like(self.count)  # the same, with the entry dealt, a cycle later
         self.total = Signal(range(self.half + 1))  # of the buckets of the next job
         self.ends_round, self.all_used, self.job_room = Signal(), Signal(), Signal()
         self.over, self.equal = Signal(), Signal()  # a bucket is too full; all its keys are equal
@@ -104,16 +107,17 @@ class Deal(wiring.Component):
         key, seen = self.held.key, Signal(COUNT_BITS)
         of_low = Signal()  # it was issued before, though its key is not below `low`
         m.d.comb += [
-            entries.ready.eq(dealing & ~self.full & self.more),
+            self.moves.eq(~self.full | self.through),
+            entries.ready.eq(dealing & self.moves & self.more),
             of_low.eq((key == self.low) & (seen != self.skip)),
             self.ignored.eq((key < self.low) | of_low),
             self.keep.eq(~self.ignored & (self.count < self.half)),
         ]
-        with m.If(~self.full):
-            m.d.sync += [self.full.eq(entries.valid & entries.ready), self.held.eq(entries.payload)]
-        with m.Elif(self.through):
-            m.d.sync += [self.full.eq(0), self.rest.eq(self.rest - 1), seen.eq(seen + of_low)]
-            m.d.sync += self.more.eq(self.rest[1:].any())  # not by `rest` itself: a ripple of 24
+        with m.If(self.moves):
+            m.d.sync += [self.full.eq(passes(entries)), self.held.eq(entries.payload)]
+            m.d.sync += [self.before.eq(self.held), seen.eq(seen + (of_low & self.through))]
+        with m.If(passes(entries)):  # `more` not by `rest` itself: a ripple of 24
+            m.d.sync += [self.rest.eq(self.rest - 1), self.more.eq(self.rest[1:].any())]
         with m.If(self.state == State.BEGIN):
             m.d.sync += [seen.eq(0), self.rest.eq(self.groups.payload.count), self.more.eq(1)]
 
@@ -125,16 +129,20 @@ class Deal(wiring.Component):
         steps = offset[:-1] >> self.shift
         within = Mux(steps[sort.BUCKET_BITS :].any(), sort.BUCKETS - 1, steps[: sort.BUCKET_BITS])
         m.d.comb += bucket.eq(Mux(dealing, Mux(offset[-1], 0, within), self.bucket))
-        with m.If(~self.full):
-            m.d.sync += [self.looked_up.eq(bucket), self.counted.eq(self.count)]
+        written, at = Signal(), Signal.like(self.looked_up)  # the entry dealt before, its bucket
+        m.d.comb += self.again.eq(self.full & written & (self.looked_up == at))
         m.submodules.counts = counts = Memory(shape=self.count.shape(), depth=sort.BUCKETS, init=[])
         write, read = counts.write_port(), counts.read_port()
         ports, found = [write, read], []
+        found_count = Mux(present.bit_select(self.looked_up, 1), read.data, 0)
         m.d.comb += [
-            self.count.eq(Mux(present.bit_select(self.looked_up, 1), read.data, 0)),
+            self.count.eq(Mux(self.again, self.counted, found_count)),
             write.data.eq(self.count + 1),
             write.en.eq(self.through & ~self.ignored & (self.count <= self.half)),
         ]
+        with m.If(self.moves):
+            m.d.sync += [self.looked_up.eq(bucket), self.counted.eq(self.count + self.full)]
+            m.d.sync += [at.eq(self.looked_up), written.eq(write.en)]
         place = self.count[: exact_log2(sort.LINE_SLOTS)]
         for k in range(sort.LINE_SLOTS - 1):
             memory = Memory(shape=len(self.held.as_value()), depth=sort.BUCKETS, init=[])
@@ -142,10 +150,9 @@ class Deal(wiring.Component):
             write, read = memory.write_port(), memory.read_port()
             m.d.comb += write.data.eq(self.held)
             m.d.comb += write.en.eq(self.through & self.keep & (place == k))
-            found.append(read.data)
-            ports += [write, read]
+            found, ports = [*found, read.data], [*ports, write, read]
         for write, read in zip(ports[::2], ports[1::2], strict=True):
-            m.d.comb += [read.addr.eq(bucket), read.en.eq(~self.full)]
+            m.d.comb += [read.addr.eq(bucket), read.en.eq(self.moves)]
             m.d.comb += write.addr.eq(self.looked_up)
         with m.If(self.state == State.BEGIN):
             m.d.sync += present.eq(0)
@@ -166,6 +173,7 @@ class Deal(wiring.Component):
             lines.payload.slots[-1].eq(Mux(ending, 0, self.held.as_value())),
             self.through.eq(self.full & (~last | lines.ready)),
         ]
+        slots[-1] = Mux(self.again, self.before, slots[-1])  # maybe written when it was looked up
         for k, slot in enumerate(slots):
             m.d.comb += lines.payload.slots[k].eq(Mux(ending & (place <= k), 0, slot))
 
@@ -195,8 +203,7 @@ class Deal(wiring.Component):
                 low, high = Signal.like(self.low), Signal.like(self.high)
                 begin = self.base + (self.bucket << self.shift)
                 end = self.base + ((self.bucket + 1) << self.shift) - 1
-                m.d.comb += low.eq(self.least)
-                m.d.comb += high.eq(self.greatest)
+                m.d.comb += [low.eq(self.least), high.eq(self.greatest)]
                 with m.If(self.bucket.any() & (begin > self.least)):
                     m.d.comb += low.eq(begin)
                 with m.If(~self.bucket.all() & (end < self.greatest)):
@@ -251,7 +258,7 @@ class Deal(wiring.Component):
                 m.d.sync += self.bucket.eq(0)
                 with m.If(self.reading.valid & self.reading.ready):
                     m.d.sync += state.eq(State.DEAL)
-            with m.Case(State.DEAL), m.If(~self.more):
+            with m.Case(State.DEAL), m.If(~self.more & ~self.full):
                 m.d.sync += state.eq(State.RANGE)
             with m.Case(State.WRITE), m.If(~self.lines.valid | self.lines.ready):
                 m.d.sync += self.bucket.eq(self.bucket + 1)

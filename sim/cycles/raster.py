@@ -13,7 +13,7 @@ from numba import njit
 from splatcore.golden.pipeline import Frame
 from splatcore.hdl.raster.blend import Blend
 from splatcore.hdl.raster.evaluate import Evaluate
-from splatcore.hdl.raster.features import FEATURES_WAITING
+from splatcore.hdl.raster.features import WAITING
 from splatcore.hdl.raster.mark import Mark
 from splatcore.hdl.raster.quads import SHARE
 from splatcore.hdl.raster.rasterizer import PAIRS_WAITING
@@ -79,7 +79,7 @@ class State(NamedTuple):
     room: np.ndarray  # [blocks of a group] when each has room
     left: np.ndarray  # [SPLATS_INSIDE] when the last splats with live tiles left for setup
     splats: np.ndarray  # [1] number of splats with live tiles
-    taken: np.ndarray  # [FEATURES_WAITING] when the last splats arrived
+    taken: np.ndarray  # [WAITING] when the last splats arrived
 
 
 class Raster:
@@ -99,7 +99,7 @@ class Raster:
         self.state = State(
             np.zeros(1, CLOCK), np.zeros(config.rasterizers, RASTERIZER), np.zeros(blocks, bool),
             np.zeros(blocks), np.zeros(SPLATS_INSIDE), np.zeros(1, np.int64),
-            np.zeros(FEATURES_WAITING),
+            np.zeros(WAITING),
         )  # fmt: skip
         self.clock, self.rasterizers = self.state.clock[0], self.state.rasterizers
         self.clock["marked"], self.rasterizers["last"] = PAIR_LATENCY, -1

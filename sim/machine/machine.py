@@ -26,12 +26,12 @@ from splatcore.sim.machine.script import (
     Report,
     Script,
     Timing,
-    beat_bytes,
 )
 from splatcore.sim.rtl.build import FAST, QUICK
 from splatcore.sim.rtl.convert import kept
 from splatcore.sim.rtl.coverage import counted
 from splatcore.spec import registers
+from splatcore.spec.axi import port_bytes
 from splatcore.spec.camera import Camera
 from splatcore.spec.config import Config
 from splatcore.spec.counters import counters
@@ -96,7 +96,7 @@ class Rendered:
         """
         parts = [(name, *name.split("_", 1)) for name in self.counters]
         found = {
-            cause: self.counters[name] * beat_bytes(self.config, cause)
+            cause: self.counters[name] * port_bytes(self.config)
             for name, half, cause in parts
             if half in ("preprocessing", "rendering") and cause != "cycles"
         }

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 from splatcore.sim.common.choice import check_known
-from splatcore.spec.axi import READERS, WRITERS, port_bytes, read_bytes
+from splatcore.spec.axi import READERS, WRITERS, port_bytes
 from splatcore.spec.config import Config
 from splatcore.spec.registers import addresses
 
@@ -154,12 +154,6 @@ class Script:
 PIXELS_WRITTEN = "write_pixels"
 
 
-def beat_bytes(config: Config, cause: str) -> int:
-    """Bytes of a beat. cause: "read_" or "write_" and the client's name."""
-    kind, _, client = cause.partition("_")
-    return read_bytes(config, client) if kind == "read" else port_bytes(config)
-
-
 @dataclass(frozen=True)
 class Answer:
     """Answer to a command. cycle: when it was done; response: of AXI4-Lite."""
@@ -217,7 +211,7 @@ class Report:
         """Bytes by cause: whole beats; of pixels only the bytes that are written."""
         found = {f"read_{name}": beats for name, beats in self.read.items()}
         found |= {f"write_{name}": beats for name, beats in self.written.items()}
-        found = {cause: beats * beat_bytes(self.config, cause) for cause, beats in found.items()}
+        found = {cause: beats * port_bytes(self.config) for cause, beats in found.items()}
         images = [written for name, (_, written) in self.regions.items() if "image" in name]
         return found | ({PIXELS_WRITTEN: sum(images)} if PIXELS_WRITTEN in found else {})
 

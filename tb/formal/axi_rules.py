@@ -138,28 +138,27 @@ INCR = 1
 
 
 def allowed(config: Config, burst) -> Value:
-    """Return whether AXI allows a burst: no `BOUNDARY` crossed, and one beat if it is narrow."""
+    """Return whether AXI allows a burst: no `BOUNDARY` crossed."""
     beats = port_beats(config)
     first = burst.beat[: (PAGE - 1).bit_length()] & ~(beats - 1)
-    fits = first + (burst.length + 1) * beats <= PAGE
-    return fits & (~burst.narrow | (burst.length == 0))
+    return first + (burst.length + 1) * beats <= PAGE
 
 
 def addresses(m: Module, part: Axi, name: str, register: Register, comes: Value, item) -> InOrder:
     """Check the offers of an address channel; returns the requests that wait for it.
 
     Asserts that each request is offered in order, with its client's ID and window, as a burst that
-    AXI allows: INCR, of full-width beats or one narrow beat, without crossing `BOUNDARY`.
+    AXI allows: INCR, of full beats, without crossing `BOUNDARY`.
     """
     config, port = part.config, part.m_axi
     order = InOrder(m, register, comes, item, *channel(port, name)[:2])
     wires = {k: getattr(port, name + k) for k in ("id", "addr", "len", "size", "burst")}
     burst, valid = order.first.burst, order.count != 0
-    size, of_beat = Signal(9, name=f"{name}_bytes"), Mux(burst.narrow, BEAT, port_bytes(config))
+    size, of_beat = Signal(9, name=f"{name}_bytes"), port_bytes(config)
     m.d.comb += size.eq(1 << wires["size"])
     window = order.first.window if window_bits(config) else Const(0, 0)
     beats = wires["len"] + 1
-    ends = Mux(burst.narrow, beats * BEAT, beats * port_bytes(config))
+    ends = beats * of_beat
     m.d.comb += [
         Assert(~valid | (wires["id"] == order.first.client)),
         Assert(~valid | (wires["addr"][:ADDRESS_BITS] == (burst.beat * BEAT & ~(of_beat - 1)))),

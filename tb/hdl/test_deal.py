@@ -91,14 +91,25 @@ FAULTS = planted_in(
         "equal keys are not skipped": ("(key < self.low) | of_low", "key < self.low"),
         "a bucket keeps too little": ("self.count < self.half)", "self.count < self.half - 1)"),
     },
-    _memories={"keys below the base wrap": ("Mux(offset[-1], 0, within)", "within")},
+    _memories={
+        "keys below the base wrap": ("Mux(offset[-1], 0, within)", "within"),
+        "a count just written is read": (
+            "Mux(self.again, self.counted, found_count)",
+            "found_count",
+        ),
+        "any entry before is in the same bucket": ("(self.looked_up == at)", "1"),
+        "a full bucket counts on": ("written.eq(write.en)", "written.eq(self.through)"),
+    },
     _keys={
         "the first bucket begins at the base": ("self.bucket.any() & ", ""),
         "buckets as narrow as can be": ("Mux(wanted < shift, wanted, shift)", "shift"),
         "buckets never wider": ("self.shift + 1", "self.shift"),
         "a bucket's keys are equal if all are": ("self.high == self.low", "~self.extent.any()"),
     },
-    _lines={"a bucket has no last line": ("ending & begun", "0")},
+    _lines={
+        "a bucket has no last line": ("ending & begun", "0"),
+        "a slot just written is read": ("Mux(self.again, self.before, slots[-1])", "slots[-1]"),
+    },
 )
 
 

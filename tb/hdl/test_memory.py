@@ -194,7 +194,7 @@ class Memory(wiring.Component):
 def run_words(first: np.ndarray, count: np.ndarray, pause: int = 0, **options) -> Result:
     """Run bursts of beats, and check that all beats come in order."""
     words = np.concatenate([np.arange(b, b + n) for b, n in zip(first, count, strict=True)])
-    codes = {"beat": first, "length": count - 1, "narrow": np.zeros_like(first)}
+    codes = {"beat": first, "length": count - 1}
     inputs = {"i": read_record().pack(codes), "pace": np.zeros((2 * len(words), 1), np.uint8)}
     result = compiled(Memory).run(
         inputs, expected={"o": len(words)}, constants={"pause": pause}, **options

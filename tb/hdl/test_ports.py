@@ -35,7 +35,7 @@ from splatcore.hdl.binning import list_writer
 from splatcore.hdl.lib import stream as streams
 from splatcore.hdl.memory import axi, fetch
 from splatcore.hdl.points import level
-from splatcore.hdl.raster import quads, raster, rasterizer, shared
+from splatcore.hdl.raster import quads, raster, rasterizer, recent, shared
 from splatcore.hdl.sorting import cascade, sorter
 from splatcore.spec.config import TINY
 
@@ -52,6 +52,7 @@ INTERNAL = {
     quads.Quad: lambda: quads.Quad(IN_QUADS),
     raster.Raster: lambda: raster.Raster(TINY),
     rasterizer.Rasterizer: lambda: rasterizer.Rasterizer(TINY, 0),
+    recent.Recent: lambda: recent.Recent(TINY, 8, 3),
     shared.Feeder: lambda: shared.Feeder(IN_QUADS, 0),
     sorter.Sorter: lambda: sorter.Sorter(TINY),
     streams.Fork: lambda: streams.Fork(8, 2),

@@ -147,7 +147,7 @@ def test_invariants_are_not_built():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make, message", [(Fetch, "not requested"), (Features, "a feature")])
+@pytest.mark.parametrize("make, message", [(Fetch, "not requested"), (Features, "asked for")])
 def test_unrequested_beats_stop_a_simulation(make, message):
     """Inputs that are always ready have room for requested beats only."""
     simulation = Simulation(make(TINY, 16, 8) if make is Fetch else make(TINY))

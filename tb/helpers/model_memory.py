@@ -152,7 +152,7 @@ def burst_rows(config: Config, ranges: Ranges) -> np.ndarray:
     first, count = np.array(ranges, np.int64).reshape(-1, 2).T
     first = first.astype(np.uint64) * axi.port_beats(config)
     length = (count - 1).astype(np.uint64)
-    return record.pack({"beat": first, "length": length, "narrow": np.zeros_like(length)})
+    return record.pack({"beat": first, "length": length})
 
 
 def pair_rows(record: Record, pairs: Ranges) -> np.ndarray:
