@@ -68,8 +68,7 @@ def run_port(reads: int = 0, writes: int = 0, beats: int = 1, patient: int = 0):
     count = writes * beats
     data = {f"data{k}": rng.integers(0, 1 << 63, count) for k in range(DEFAULT.port // 64)}
     data["strobe"] = np.full(count, (1 << DEFAULT.port // 8) - 1)
-    narrow = np.zeros(reads, int)
-    inputs = {f"reads__{k}": rows(read_record(), reads, narrow=narrow) for k in range(len(READERS))}
+    inputs = {f"reads__{k}": rows(read_record(), reads) for k in range(len(READERS))}
     record = write_record(DEFAULT)
     inputs |= {f"writes__{k}": rows(record, count, **data) for k in range(len(WRITERS))}
     constants = {f"m_axi__{name}": name.endswith("ready") for name in WIRES}
