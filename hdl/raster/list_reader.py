@@ -20,7 +20,7 @@ from splatcore.spec.work import SLOT, page_bytes
 BEATS_WAITING = 48
 """Beats of entries that may wait to be sorted, while others are in flight."""
 
-LONG_BEATS_WAITING = 30
+LONG_BEATS_WAITING = 40
 """The same for entries to be dealt, which are taken more slowly."""
 
 BURST, LONG_BURST = 8, 4
