@@ -25,7 +25,7 @@ MERGE_PACE = 2  # cycles per merged entry
 FEATURE_LATENCY = 12  # from merging an entry to its splat's arrival at stage 3
 PAGE_LATENCY = 6  # from a page's last beat to the next page's request and back
 GROUP_TURN = 1  # between groups, in writing
-DEALT_TO_MEMORY = 2.65  # per dealt entry, measured, memory port included
+DEALT_TO_MEMORY = 1.8  # per dealt entry, measured, memory port included
 BEGIN = 40  # from a frame's start to its first entry, plus from its last pixel to its end
 
 
