@@ -21,7 +21,7 @@ BEATS_WAITING = 48
 """Beats of entries that may wait to be sorted, while others are in flight."""
 
 LONG_BEATS_WAITING = 40
-"""The same for entries to be dealt, which are taken more slowly."""
+"""The same for entries to be dealt: more than a page, as its last slot names the next one."""
 
 BURST, LONG_BURST = 8, 4
 """Beats per request, for the same two kinds."""
