@@ -8,7 +8,7 @@ from amaranth.utils import exact_log2
 
 from splatcore.hdl.lib.credit import Credit
 from splatcore.hdl.lib.record import layout, stream_of
-from splatcore.hdl.lib.stream import Queue, Register, passes, soon
+from splatcore.hdl.lib.stream import Queue, Register, Stage, passes, soon
 from splatcore.hdl.memory.axi import read_beat
 from splatcore.hdl.raster.recent import Recent
 from splatcore.spec import group, raster
@@ -102,18 +102,19 @@ class Features(wiring.Component):
         m.d.comb += [self.data.ready.eq(1), write.en.eq(self.data.valid), write.addr.eq(row)]
         m.d.comb += write.data.eq(self.data.payload.beat)
         m.d.sync += row.eq(row + self.data.valid)
-        o, goes, given = self.o, Signal(), Signal(order.payload.shape())
+        m.submodules.out = out = Stage(order.payload.shape())
+        o, goes, given, there = self.o, passes(out.i), out.o.payload, Signal()
         m.d.comb += [
-            order.ready.eq((~o.valid | o.ready) & (come | ~order.payload.new)),
-            goes.eq(passes(order)),
+            there.eq(come | ~order.payload.new),
+            out.i.valid.eq(order.valid & there),
+            out.i.payload.eq(order.payload),
+            order.ready.eq(out.i.ready & there),
             read.addr.eq(order.payload.row),
             read.en.eq(goes),
+            o.valid.eq(out.o.valid),
+            out.o.ready.eq(o.ready),
             o.payload.splat.eq(Mux(given.end, 0, read.data.word_select(given.part, DATA_BITS))),
             o.payload.mask.eq(given.mask),
             o.payload.end.eq(given.end),
         ]
-        with m.If(~o.valid | o.ready):
-            m.d.sync += o.valid.eq(goes)
-            with m.If(goes):
-                m.d.sync += given.eq(order.payload)
         return goes & order.payload.new
