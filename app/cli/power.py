@@ -33,7 +33,7 @@ def power_command(
     sample: int | None = option(
         None,
         "N",
-        "Count net changes in one of N windows of cycles; 1: in all. Default: about 32 windows.",
+        "Count net changes in one of N windows of cycles; 1: in all. Default: about 128 windows.",
     ),
     toggles: bool = option(
         False, None, "Also list the 20 registers and memories that take the most power."

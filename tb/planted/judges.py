@@ -18,6 +18,9 @@ STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 SMALL = "tb/hdl/test_points.py -k 'small or (stages and {})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
 QUADS = "tb/hdl/test_raster.py -k quads"
+FEATURES = (
+    "tb/hdl/test_features.py tb/hdl/test_stream.py -k 'unrequested or (features and not found)'"
+)
 MASTER = (
     "tb/hdl/test_memory.py tb/hdl/test_proofs.py "
     "-k 'every_cycle or comes_first or patient or does_not_answer or (proved and axi_master)'"
@@ -69,7 +72,7 @@ QUICK = {
     "points/slots": SMALL.format("project"),
     "raster": BLENDED,
     "raster/alpha": ALPHA,
-    "raster/features": "tb/hdl/test_stream.py -k unrequested",
+    "raster/features": FEATURES,
     "raster/finished": "tb/hdl/test_finished.py",
     "raster/finished_quads": "tb/hdl/test_finished.py -k quads",
     "raster/groups": "tb/hdl/test_groups.py",
@@ -77,6 +80,7 @@ QUICK = {
     "raster/pixels": "tb/hdl/test_pixels.py -k 'not eight and not one'",
     "raster/prepare": "tb/hdl/test_raster.py -k 'prepare and DEFAULT'",
     "raster/quads": QUADS,
+    "raster/recent": FEATURES,
     "raster/render": "",
     "raster/setup": "tb/hdl/test_raster.py -k 'tiles or other_end'",
     "raster/shared": QUADS,
@@ -113,6 +117,7 @@ BENCHES = {
     "points/preprocess": ["preprocess"],
     "raster": ["rasterizer", "raster"],
     "raster/features": ["render"],
+    "raster/recent": ["render"],
     "raster/finished": ["raster", "render"],
     "raster/groups": ["render"],
     "raster/list_reader": ["render"],
