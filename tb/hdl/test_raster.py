@@ -194,10 +194,10 @@ def test_queues_fill_and_run_empty():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [20, 500])
-def test_counters(count):
+@pytest.mark.parametrize("config, count", [(TINY, 20), (TINY, 500), (QUADS, 500)])
+def test_counters(config, count):
     """They equal the golden model's if no pixel ends (hardware learns of ends cycles later)."""
-    lists = mixed(TINY, count, (64, 64), 7)
+    lists = mixed(config, count, (64, 64), 7)
     lists.features["opacity"][:] = np.random.default_rng(7).integers(220, 256, count)  # faint
     run = lists.run()
     golden, counters = run.golden.counts, run.counters
@@ -205,7 +205,7 @@ def test_counters(count):
     assert counters["splats"] == count and counters["dropped"] == 0
     assert counters["pairs"] == golden["pairs"] == np.bitwise_count(lists.entries.mask).sum()
     assert counters["empty"] == golden["far"] + golden["empty"] > 0
-    for number in range(TINY.rasterizers):
+    for number in range(config.rasterizers):
         blended = run.golden.work["visited"][:, number].sum()
         assert counters[f"blended{number}"] == blended
         assert blended < counters[f"waited{number}"] < run.result.cycles

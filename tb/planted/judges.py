@@ -17,7 +17,7 @@ ALPHA = "tb/hdl/test_raster.py tb/machine/test_alpha.py -k alpha"
 STAGE = "tb/hdl/test_points.py -k 'stages and ({})'"
 SMALL = "tb/hdl/test_points.py -k 'small or (stages and {})'"
 BLENDED = "tb/hdl/test_raster.py -k 'tiles or groups or queues or stop'"
-QUADS = "tb/hdl/test_raster.py -k quads"
+QUADS = "tb/hdl/test_raster.py -k 'quads or counters'"
 FEATURES = (
     "tb/hdl/test_features.py tb/hdl/test_stream.py -k 'unrequested or (features and not found)'"
 )
