@@ -6,6 +6,7 @@ one's tiles are rendered.
 """
 
 import shutil
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -15,18 +16,13 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
+from amaranth.hdl import UnusedElaboratable
 
 from splatcore.hdl.top import Top
 from splatcore.sim.machine.areas import IMAGES, Areas, make_memory, place_areas
 from splatcore.sim.machine.execute import execute, open_memory
 from splatcore.sim.machine.program import compiled
-from splatcore.sim.machine.script import (
-    IDEAL,
-    PIXELS_WRITTEN,
-    Report,
-    Script,
-    Timing,
-)
+from splatcore.sim.machine.script import IDEAL, PIXELS_WRITTEN, Report, Script, Timing
 from splatcore.sim.rtl.build import FAST, QUICK
 from splatcore.sim.rtl.convert import kept
 from splatcore.sim.rtl.coverage import counted
@@ -41,6 +37,9 @@ from splatcore.spec.raster import COLOURS
 from splatcore.spec.registers import INTERRUPT_FRAME, INTERRUPT_READY, ErrorCode
 from splatcore.spec.stages import BLOCKS
 from splatcore.spec.work import pixel_bytes, stride
+
+# A machine whose Verilog is kept is never elaborated; Amaranth warns of it once another one was.
+warnings.filterwarnings("ignore", category=UnusedElaboratable)
 
 FIRST_HALF = ("preprocessing", *BLOCKS["preprocessing"])
 """Stages whose counters belong to a frame until the next one is started."""
