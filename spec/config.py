@@ -283,8 +283,8 @@ TINY = Config(
 )
 """Small enough to reach overflow and full states within seconds of simulation."""
 
-SMALL = Config(name="SMALL", pes=7, rasterizers=4)
-"""DEFAULT with half of the lanes and a Gaussian every 8 cycles."""
+SMALL = Config(name="SMALL", port=128, pes=7, rasterizers=4)
+"""DEFAULT with half of the lanes, half of the port and a Gaussian every 8 cycles."""
 
 FPGA = Config(
     name="FPGA",
