@@ -27,7 +27,7 @@ FRAMES = 8
 
 MODELS_MAX = 2
 GROUPED = 30  # drawn scenes in one, so that it has several groups of chunks, with levels
-CYCLES_MAX = 100_000_000  # of a run, after which it counts as hung; the longest took 20.4 M
+CYCLES_MAX = 100_000_000  # of a run, after which it counts as hung
 
 
 @dataclass(frozen=True, eq=False)

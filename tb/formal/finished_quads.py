@@ -16,7 +16,7 @@ from splatcore.spec.raster import block_count
 from tb.formal.proof import Part, Proof
 from tb.planted.fault import planted_in
 
-TWO = replace(TINY, rasterizers=8, group=1, port=256, lanes="quads")  # blocks of a group
+TWO = replace(TINY, rasterizers=8, group=1, port=256, lanes="quads")  # blocks per group
 ONE = replace(TWO, rasterizers=16)
 
 READY_WITHIN = 3  # cycles from the one in which a block's last quad comes
@@ -83,7 +83,7 @@ DEPTH = 9  # cycles within which all blocks of two groups can leave
 FAULTS = planted_in(
     FinishedQuads,
     elaborate={
-        "three quads are a block": ("for here in present).all()", "for here in present).any()"),
+        "one quad is a block": ("for here in present).all()", "for here in present).any()"),
         "a block leaves twice": ("whole & ~(left & (left_block == block))", "whole"),
         "a waiting block is overwritten": ("(~o.valid | o.ready)", "1"),
         "a block is lost if not taken at once": (
