@@ -29,6 +29,7 @@ def simulator_command(
     from splatcore.study.bench import simulator
 
     other = None if against is None else Path(against)
+    scene = str(Path(scene).absolute()) if Path(scene).exists() else scene  # runs in other folders
     found = simulator.bench_simulator(config.name, scene, reading, pixels, other)
     simulator.table(found).print()
     return found

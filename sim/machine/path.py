@@ -42,10 +42,10 @@ def target(camera: Camera, points: np.ndarray) -> np.ndarray:
     return camera.position + camera.rotation[2] * (np.median(z[seen]) if seen.any() else 1.0)
 
 
-WHOLE = {ELABORATED: 23.0, COMPILING: 3.4}
+WHOLE = {ELABORATED: 17.0, COMPILING: 2.25}
 """Time from nothing to a program, in times until a phase begins."""
 
-SPEED = 4e6
+SPEED = 3e6
 """Cycles simulated in the time from nothing to a program: each follows the computer's speed and the
 machine's size."""
 
@@ -69,8 +69,8 @@ def build(
         def estimate(done: float, total: float | None, phase: str):
             if phase in WHOLE and cycles is not None:
                 whole = WHOLE[phase] * (time.perf_counter() - begin)
-                advance(0, None, f"{label}, about {whole:.0f} s in all, then {cycles:,} cycles, "
-                        f"about {cycles * whole / SPEED:.0f} s")  # fmt: skip
+                advance(0, None, f"building {config.name}: about {whole:.0f} s, then {cycles:,} "
+                        f"cycles in {cycles * whole / SPEED:.0f} s")  # fmt: skip
 
         with shown_by(estimate):
             return Machine(config, source, trace, saves=saves)

@@ -63,16 +63,16 @@ def bench_simulator(
             for number in list(range(len(checkouts)))[:: -1 if turn % 2 else 1]:
                 frames[number] += seconds(number, "rtl", size, "--json", "frame.json")
                 frames[number] -= seconds(number, "golden", size)  # and both comparisons
-        halves = json.loads((folders[0] / "frame.json").read_text())["halves"]
-    cycles = sum(halves.values())
-    rates = [ROUNDS * cycles / max(each, 1e-3) for each in frames]
+        results = [json.loads((folder / "frame.json").read_text()) for folder in folders]
+    cycles = [sum(result["halves"].values()) for result in results]  # the machines may differ
+    rates = [ROUNDS * many / max(each, 1e-3) for many, each in zip(cycles, frames, strict=True)]
     figures = {
         "program from nothing, CPU seconds": builds,
         "frame, CPU seconds": [each / ROUNDS for each in frames],
         "cycles per CPU second": rates,
     }
     rows = [_row(name, *(round(each, 3) for each in found)) for name, found in figures.items()]
-    return {"preset": preset, "size": size, "scene": scene, "cycles": cycles, "rows": rows}
+    return {"preset": preset, "size": size, "scene": scene, "cycles": cycles[0], "rows": rows}
 
 
 def _row(name: str, here: float, against: float | None = None) -> dict:
