@@ -81,12 +81,15 @@ write_blif any.blif
 read_blif circuit.blif
 strash
 ifraig
-fraig -C 2000 -D 2000
+fraig -C {conflicts} -D {conflicts}
 write_blif left.blif
 read_blif any.blif
 """
 """ABC's own output is lost, so the outputs that are not proven to be 0 are read from `left.blif`;
 yosys wants back the module that it gave."""
+
+CONFLICTS, FORMED_CONFLICTS = 2_000, 20_000
+"""ABC leaves a bit open after so many conflicts; the second number is for the last try."""
 
 PROVE = "read_verilog any.v\nproc\ntechmap\nabc -script prove\n"
 ANY = "module any(input a, b, output y); assign y = a & b; endmodule\n"
@@ -142,7 +145,8 @@ def _proven(rtl: Netlist, netlist: str, library: Library) -> Proof:
     for sums in SUMS if left else ():
         formed = Logic.of(yosys(_formed(sums), files)["rtl.json"])
         seen = facts.seen_in(logic, formed)
-        left, _ = _left(*circuit(formed, seen, cells, _matched(formed, cells), {*left}))
+        last = circuit(formed, seen, cells, _matched(formed, cells), {*left})
+        left, _ = _left(*last, FORMED_CONFLICTS)
         if not left:
             break
     if left:
@@ -179,12 +183,13 @@ def _matched(logic: Logic, cells: Logic) -> dict[int, int]:
     return {net: own[name] for net, name in names.items()}
 
 
-def _left(names: list, text: str) -> tuple[list, int]:
+def _left(names: list, text: str, conflicts: int = CONFLICTS) -> tuple[list, int]:
     """Names of a circuit's outputs that are not proven to be always 0, and the number of outputs
     proven by all values of their inputs."""
     if not names:
         return [], 0
-    found = yosys(PROVE, {"any.v": ANY, "prove": ABC, "circuit.blif": text})["left.blif"]
+    script = ABC.format(conflicts=conflicts)
+    found = yosys(PROVE, {"any.v": ANY, "prove": script, "circuit.blif": text})["left.blif"]
     tables = re.findall(r"^\.names (.*)\n((?:[^.\n].*\n)*)", found, re.M)
     zero = {nets for nets, rows in tables if not re.search(r"1$", rows, re.M)}
     left = {f"o{number}": name for number, name in enumerate(names) if f"o{number}" not in zero}
