@@ -23,7 +23,7 @@ from splatcore.study.accuracy.formats import lane_gates
 from splatcore.study.fit import formats as fit_formats
 from splatcore.study.fit import sizes as fit_speed
 from splatcore.study.fit.formats import wider
-from splatcore.study.fit.gates import SHARES, bit_gates, bits_of, with_bits
+from splatcore.study.fit.gates import OF_RASTER, SHARES, bit_gates, bits_of, with_bits
 from splatcore.study.fit.search import Impossible, fit, knobs
 from splatcore.study.fit.sizes import SIZES, budget, smaller
 from splatcore.study.fit.views import View, start_config
@@ -216,10 +216,11 @@ def test_nothing_is_written_if_it_is_impossible(tmp_path, capsys, prices, scene)
 def test_gates_per_bit_match_synthesis():
     """The linear model against a synthesised lane, within a third. Over four bits, because one
     bit takes between half and twice the mean: multiples of colours take bits in pairs."""
+    _, number = OF_RASTER["lane"]
     for field in ("weight", "transmittance"):
         bits = bits_of(DEFAULT, field)
         lanes = [lane_gates(with_bits(DEFAULT, field, b)) for b in (bits, bits - 4)]
-        found = 4 * bit_gates(DEFAULT, field) / (DEFAULT.rasterizers * 16)
+        found = 4 * bit_gates(DEFAULT, field) / number(DEFAULT)
         assert abs(found - (lanes[0] - lanes[1])) < (lanes[0] - lanes[1]) / 3
 
 
