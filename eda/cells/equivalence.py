@@ -185,7 +185,10 @@ def _matched(logic: Logic, cells: Logic) -> dict[int, int]:
 
 def _left(names: list, text: str, conflicts: int = CONFLICTS) -> tuple[list, int]:
     """Names of a circuit's outputs that are not proven to be always 0, and the number of outputs
-    proven by all values of their inputs."""
+    proven by all values of their inputs.
+
+    conflicts: after so many ABC leaves an output open
+    """
     if not names:
         return [], 0
     script = ABC.format(conflicts=conflicts)
